@@ -61,13 +61,15 @@ class Side:
             "HARNESS_STATE": str(self.folder / "state"),
         }
         command = [str(self.python), "-m", "harness", *arguments]
-        with tempfile.TemporaryFile() as said:
-            process = subprocess.Popen(command, env=env, cwd=self.folder, stdout=said, stderr=said)
+        with tempfile.TemporaryFile() as output:
+            process = subprocess.Popen(command, env=env, cwd=self.folder, stdout=output, stderr=output)
             _, status, used = os.wait4(process.pid, 0)
             process.returncode = os.waitstatus_to_exitcode(status)
             if process.returncode:
-                said.seek(0)
-                sys.exit(f"{' '.join(command)}: exit code {process.returncode}\n{said.read().decode(errors='replace')}")
+                output.seek(0)
+                sys.exit(
+                    f"{' '.join(command)}: exit code {process.returncode}\n{output.read().decode(errors='replace')}"
+                )
         return used.ru_utime + used.ru_stime
 
     def forget(self) -> None:
@@ -88,7 +90,7 @@ def run_fresh(matrix: str) -> Callable[[Side], float]:
 
 JOBS: dict[str, Callable[[Side], float]] = {
     "`--help`": lambda side: side.cpu("--help"),
-    "`plan` of 10,000 combinations": lambda side: side.cpu("plan", "large.toml", "--json"),
+    "`plan` of 10,000 combinations": lambda side: side.cpu("plan", "large.toml", "--json", "--offline"),
     "`run` of one new cell": run_fresh("one.toml"),
     "`run` of six new cells": run_fresh("six.toml"),
     "`run --fresh` of six cells": lambda side: side.cpu("run", "six.toml", "--fresh"),
@@ -109,10 +111,10 @@ def main() -> None:
         try:
             before = prepared(Path(folder, "before"), installed(tree))
             after = prepared(Path(folder, "after"), Path(sys.executable))
-            found = measured(before, after, args.rounds)
+            timings = measured(before, after, args.rounds)
         finally:
             called("git", "worktree", "remove", "--force", str(tree))
-    text = page(args.commit, args.rounds, found)
+    text = page(args.commit, args.rounds, timings)
     (HERE / "before_after.md").write_text(text)
     print(text)
 
@@ -136,24 +138,24 @@ def prepared(folder: Path, python: Path) -> Side:
     (folder / "large.toml").write_text(plan_10k.matrix_text())
     (folder / "one.toml").write_text(spine.CELL)
     (folder / "six.toml").write_text(SIX)
-    made = Side(python=python, folder=folder)
+    side = Side(python=python, folder=folder)
     for job in JOBS.values():
-        job(made)
-    return made
+        job(side)
+    return side
 
 
 def measured(before: Side, after: Side, rounds: int) -> dict[str, list[tuple[float, float]]]:
     """Return the CPU seconds of both sides by job, a pair for each round."""
-    found: dict[str, list[tuple[float, float]]] = {name: [] for name in JOBS}
+    timings: dict[str, list[tuple[float, float]]] = {name: [] for name in JOBS}
     for number in range(rounds):
         for name, job in JOBS.items():
             if number % 2:
                 later = job(after)
-                found[name].append((job(before), later))
+                timings[name].append((job(before), later))
             else:
-                found[name].append((job(before), job(after)))
-        print(f"round {number + 1} of {rounds}", {name: pairs[-1] for name, pairs in found.items()}, file=sys.stderr)
-    return found
+                timings[name].append((job(before), job(after)))
+        print(f"round {number + 1} of {rounds}", {name: pairs[-1] for name, pairs in timings.items()}, file=sys.stderr)
+    return timings
 
 
 def interval(pairs: Sequence[tuple[float, float]]) -> tuple[float, float, float]:
@@ -164,7 +166,7 @@ def interval(pairs: Sequence[tuple[float, float]]) -> tuple[float, float, float]
     return math.exp(middle), math.exp(middle - half), math.exp(middle + half)
 
 
-def page(commit: str, rounds: int, found: dict[str, list[tuple[float, float]]]) -> str:
+def page(commit: str, rounds: int, timings: dict[str, list[tuple[float, float]]]) -> str:
     """Return the table, with what is needed to repeat it."""
     lines = [
         "# CPU seconds before and after",
@@ -176,7 +178,7 @@ def page(commit: str, rounds: int, found: dict[str, list[tuple[float, float]]]) 
         f"| what | {commit} | now | ratio | 95 % interval | held |",
         "| --- | ---: | ---: | ---: | --- | --- |",
     ]
-    for name, pairs in found.items():
+    for name, pairs in timings.items():
         ratio, low, high = interval(pairs)
         earlier, later = (statistics.median(pair[side] for pair in pairs) for side in (0, 1))
         held = "yes" if low <= MOST else "no"

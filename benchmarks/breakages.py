@@ -20,7 +20,7 @@ from typing import Any
 HERE = Path(__file__).parent
 MATRIX = "breakages"
 MINUTES_EACH = 15
-FOUND = "found"
+CERTIFIED = "found"
 
 
 def main() -> None:
@@ -31,67 +31,67 @@ def main() -> None:
     args = parser.parse_args()
     listed = tomllib.loads((HERE / "breakages.toml").read_text(encoding="utf-8"))["breakage"]
     began = monotonic()
-    for one in listed:
-        if monotonic() - began < args.minutes * 60 and not certificate(args.folder, one):
-            bisect(args.folder, one)
+    for breakage in listed:
+        if monotonic() - began < args.minutes * 60 and not certificate(args.folder, breakage):
+            bisect(args.folder, breakage)
     text = "\n".join(page(listed, args.folder))
     (HERE / "breakages.md").write_text(text + "\n", encoding="utf-8")
     print(text)
 
 
-def bisect(folder: Path, one: Mapping[str, str]) -> None:
+def bisect(folder: Path, breakage: Mapping[str, str]) -> None:
     """Make the certificate of one breakage."""
     environment = {**os.environ, "HARNESS_STATE": str(folder / "state")}
-    out = folder / "certificates" / one["cell"]
-    command = [sys.executable, "-m", "harness", "bisect", f"{MATRIX}/{one['cell']}", *one["by"].split()]
+    out = folder / "certificates" / breakage["cell"]
+    command = [sys.executable, "-m", "harness", "bisect", f"{MATRIX}/{breakage['cell']}", *breakage["by"].split()]
     subprocess.run([*command, "--minutes", str(MINUTES_EACH), "--out", str(out)], env=environment, check=False)
 
 
-def certificate(folder: Path, one: Mapping[str, str]) -> Mapping[str, Any] | None:
+def certificate(folder: Path, breakage: Mapping[str, str]) -> Mapping[str, Any] | None:
     """Return the certificate of a breakage, if it was made."""
-    found = sorted((folder / "certificates" / one["cell"]).rglob("*.json"))
-    return json.loads(found[0].read_text(encoding="utf-8")) if found else None
+    paths = sorted((folder / "certificates" / breakage["cell"]).rglob("*.json"))
+    return json.loads(paths[0].read_text(encoding="utf-8")) if paths else None
 
 
 def page(listed: Sequence[Mapping[str, str]], folder: Path) -> Iterator[str]:
     """Yield the lines of the whole document, all of them made of the list and the certificates."""
-    made = {one["cell"]: certificate(folder, one) for one in listed}
-    found = [one for one in listed if (it := made[one["cell"]]) and it["status"] == FOUND]
-    others = [one for one in listed if one not in found]
-    days = sorted({it["generated"][:10] for it in made.values() if it})
+    certificates = {one["cell"]: certificate(folder, one) for one in listed}
+    successes = [one for one in listed if (it := certificates[one["cell"]]) and it["status"] == CERTIFIED]
+    others = [one for one in listed if one not in successes]
+    days = sorted({it["generated"][:10] for it in certificates.values() if it})
     yield "# Real breakages, bisected"
     yield ""
     yield (
         f"{len(listed)} breakages were listed in [breakages.toml](breakages.toml), each with what was expected of it, "
         f"before the first run. `python benchmarks/breakages.py` bisected them ({days[0]} to {days[-1]}): of "
-        f"{len(found)} it certifies the boundary, of {len(others)} there is none to certify. The bound is that of a "
-        "binary search between two ends that are known; looking for a good end and confirming both come on top."
+        f"{len(successes)} it certifies the boundary, of {len(others)} there is none to certify. The bound is that of "
+        "a binary search between two ends that are known; looking for a good end and confirming both come on top."
     )
     yield ""
     yield "## Certified boundaries"
     yield ""
-    yield from _table(found, made)
+    yield from _table(successes, certificates)
     if others:
         yield ""
         yield "## Without a boundary"
         yield ""
-        yield from _table(others, made)
+        yield from _table(others, certificates)
 
 
-def _table(listed: Sequence[Mapping[str, str]], made: Mapping[str, Mapping[str, Any] | None]) -> Iterator[str]:
+def _table(listed: Sequence[Mapping[str, str]], certificates: Mapping[str, Mapping[str, Any] | None]) -> Iterator[str]:
     yield "| cell | along | expected | found | runs | environments built | bound |"
     yield "| --- | --- | --- | --- | --: | --: | --: |"
-    for one in listed:
-        it = made[one["cell"]]
-        name = f"[{one['cell']}](certificates/{one['cell']}/bisect.md)" if it else one["cell"]
-        told = [name, f"`{one['by']}`", one["foretold"] or "nothing"]
-        row = told + (said(it) if it else ["not tried", "", "", ""])
+    for breakage in listed:
+        it = certificates[breakage["cell"]]
+        name = f"[{breakage['cell']}](certificates/{breakage['cell']}/bisect.md)" if it else breakage["cell"]
+        fields = [name, f"`{breakage['by']}`", breakage["foretold"] or "nothing"]
+        row = fields + (describe_certificate(it) if it else ["not tried", "", "", ""])
         yield "| " + " | ".join(text.replace("|", "\\|").replace("\n", " ") for text in row) + " |"
 
 
-def said(made: Mapping[str, Any]) -> list[str]:
+def describe_certificate(document: Mapping[str, Any]) -> list[str]:
     """Return the claim of a certificate, and the numbers of its runs, environments and bound."""
-    return [made["claim"], *(str(made[key]) for key in ("measured", "built", "bound"))]
+    return [document["claim"], *(str(document[key]) for key in ("measured", "built", "bound"))]
 
 
 if __name__ == "__main__":

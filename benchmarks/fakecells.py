@@ -12,15 +12,15 @@ from typing import Any
 
 from PIL import Image
 
-from harness.judging.runs.fold import Folded, after
+from harness.judging.runs.fold import Folded, add_run
 from harness.judging.runs.todo import todo
 from harness.machine import interpreters, this_machine
-from harness.machine.store import Installed, Store, digest, question_key
+from harness.machine.store import InstallResult, Store, digest, question_key
 from harness.model import Artifact, Cell, CellRecord, Interpreter, Lock, Pin, Question
 from harness.model.vocabulary import APIS
 from harness.probes import wire
 from harness.probes.evidence import LOG, REPLY, End, ProbeRun, Request
-from harness.probes.vault import kept
+from harness.probes.vault import keep_files
 from harness.running import case_run
 from harness.running.scheduler import Observer, Runner, Settings
 from harness.running.scheduler.shared_environment import Pool
@@ -101,39 +101,39 @@ def _pin(name: str, version: str) -> Pin:
 
 def _measured(cell: Cell, runner: Runner, lock: Lock, interpreter: Interpreter) -> None:
     pool = Pool(runner, cell, lock, interpreter)
-    known = Installed(
+    installation = InstallResult(
         key=digest("environment", lock.sha256),
         versions=lock.versions,
         modules={name: (name.replace("-", "_"),) for name in lock.versions},
         speaking=dict.fromkeys(APIS, ()),
         seconds=1.0,
     )
-    runner.store.save_installed(pool.key, known)
+    runner.store.save_installed(pool.key, installation)
     record = CellRecord(
         cell=cell,
         machine=this_machine.facts().id,
         python=interpreter.version,
-        key=known.key,
-        supplied=this_machine.supplied(cell.environment),
+        key=installation.key,
+        supplied=this_machine.choose_variables(cell.environment),
     )
     context = runner._context(record, pool, None)
     vault = context.laboratory.vault
     picture = vault.keep(FRAME)
     for case in cell.cases:
-        asked, folded = context.asked(case), Folded()
-        while request := todo(asked, folded):
+        case_plan, folded = context.asked(case), Folded()
+        while request := todo(case_plan, folded):
             texts = {LOG: f"{cell.id} {case.id}\n".encode(), REPLY: _reply(request)}
-            files = {**kept(vault, texts), f"{PICTURE}.png": picture}
+            files = {**keep_files(vault, texts), f"{PICTURE}.png": picture}
             names = (*request.limits, *request.followers)
             run = ProbeRun(
                 request=request,
-                program={name: asked.program[name] for name in names},
+                program={name: case_plan.program[name] for name in names},
                 end=End(exit_code=0, seconds=1.0, peak_mb=100),
                 host=context.laboratory.host,
                 files=files,
                 measured=INSTANT,
             )
-            folded = after(asked, folded, vault.reading(vault.put(run, case_run.claim(context, case))))
+            folded = add_run(case_plan, folded, vault.reading(vault.put(run, case_run.claim(context, case))))
 
 
 def _reply(request: Request) -> bytes:

@@ -44,7 +44,7 @@ def main() -> int:
         return 0
     for repository in listed():
         if not args.names or repository["name"] in args.names:
-            keep(repository["name"], seen(repository, args))
+            keep(repository["name"], run_repository(repository, args))
     return 0
 
 
@@ -53,17 +53,17 @@ def listed() -> list[dict[str, str]]:
     return list(tomllib.loads(LIST.read_text(encoding="utf-8"))["repository"])
 
 
-def keep(name: str, found: dict[str, Any]) -> None:
+def keep(name: str, result: dict[str, Any]) -> None:
     """Write what came of one repository beside the others, those of another process among them."""
-    known = json.loads(SEEN.read_text(encoding="utf-8")) if SEEN.exists() else {}
-    known[name] = found
-    SEEN.write_text(json.dumps(known, indent=1, sort_keys=True, ensure_ascii=False) + "\n", encoding="utf-8")
+    results = json.loads(SEEN.read_text(encoding="utf-8")) if SEEN.exists() else {}
+    results[name] = result
+    SEEN.write_text(json.dumps(results, indent=1, sort_keys=True, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 # --- one repository --------------------------------------------------------------------------------------------
 
 
-def seen(repository: dict[str, str], args: argparse.Namespace) -> dict[str, Any]:
+def run_repository(repository: dict[str, str], args: argparse.Namespace) -> dict[str, Any]:
     """Return the files and messages of `init`, and the results of the cells."""
     folder = args.folder / repository["name"]
     commit = typed(folder, ("git", "rev-parse", "HEAD"), 1)[1].strip()
@@ -72,18 +72,18 @@ def seen(repository: dict[str, str], args: argparse.Namespace) -> dict[str, Any]
         raise SystemExit(message)
     began = monotonic()
     code, out, _ = typed(folder, simmatrix("init", "--install", "simmatrix"), args.minutes)
-    found: dict[str, Any] = {"code": code, "seconds": round(monotonic() - began), "said": out.splitlines()}
+    result: dict[str, Any] = {"code": code, "seconds": round(monotonic() - began), "said": out.splitlines()}
     matrices = sorted([*folder.glob("matrices/*.toml"), *folder.glob(".simmatrix/*.toml")])
     if not matrices:
-        return found
+        return result
     text = matrices[0].read_text(encoding="utf-8")
-    found["matrix"] = [line for line in text.splitlines() if line and not line.startswith("# A first draft")]
+    result["matrix"] = [line for line in text.splitlines() if line and not line.startswith("# A first draft")]
     path = str(matrices[0].relative_to(folder))
     planned = typed(folder, simmatrix("plan", path, "--json"), 2)[1]
     cells = json.loads(planned)["cells"] if planned.startswith("{") else []
-    found["planned"] = len(cells)
-    found["cells"] = [ran(folder, path, cell, args) for cell in chosen(cells, args.cells)]
-    return found
+    result["planned"] = len(cells)
+    result["cells"] = [run_cell(folder, path, cell, args) for cell in chosen(cells, args.cells)]
+    return result
 
 
 def chosen(cells: Sequence[dict[str, Any]], count: int) -> list[dict[str, Any]]:
@@ -95,7 +95,7 @@ def chosen(cells: Sequence[dict[str, Any]], count: int) -> list[dict[str, Any]]:
     return there[-1:] if count == 1 else [*there[:1], *there[1:][1 - count :]]
 
 
-def ran(folder: Path, matrix: str, cell: dict[str, Any], args: argparse.Namespace) -> dict[str, Any]:
+def run_cell(folder: Path, matrix: str, cell: dict[str, Any], args: argparse.Namespace) -> dict[str, Any]:
     """Run one cell and return its results, in short."""
     command = simmatrix("run", matrix, "-k", cell["id"], "--until", args.until, "--json")
     code, out, err = typed(folder, command, args.minutes)
@@ -122,8 +122,8 @@ def ran(folder: Path, matrix: str, cell: dict[str, Any], args: argparse.Namespac
 
 def short(phases: dict[str, str]) -> str:
     """Return the phases of a case that were tried, in words."""
-    told = {phase: outcome for phase, outcome in phases.items() if outcome != "skipped"}
-    return ", ".join(f"{phase} {outcome}" for phase, outcome in told.items())
+    outcomes = {phase: outcome for phase, outcome in phases.items() if outcome != "skipped"}
+    return ", ".join(f"{phase} {outcome}" for phase, outcome in outcomes.items())
 
 
 def simmatrix(*words: str) -> tuple[str, ...]:
@@ -145,10 +145,10 @@ def typed(folder: Path, command: Sequence[str], minutes: float) -> tuple[int, st
 
 def page() -> str:
     """Return the page: one line each, then what was seen."""
-    known = json.loads(SEEN.read_text(encoding="utf-8"))
+    results = json.loads(SEEN.read_text(encoding="utf-8"))
     judged = tomllib.loads(JUDGED.read_text(encoding="utf-8"))
     counts = Counter(judged[each["name"]]["answer"] for each in listed() if each["name"] in judged)
-    told = ", ".join(f"{counts[answer]} {answer}" for answer in ANSWERS)
+    summary = ", ".join(f"{counts[answer]} {answer}" for answer in ANSWERS)
     lines = [
         "# A maintainer's first run in twelve repositories",
         "",
@@ -159,31 +159,31 @@ def page() -> str:
         "could not find out.",
         "Made by `python benchmarks/firstruns.py page`.",
         "",
-        f"**{told}** of {len(listed())}.",
+        f"**{summary}** of {len(listed())}.",
         "",
         "| repository | answer | init | cases | tests | cells run | why |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
-    lines += [row(each["name"], known.get(each["name"]), judged.get(each["name"])) for each in listed()]
+    lines += [row(each["name"], results.get(each["name"]), judged.get(each["name"])) for each in listed()]
     for each in listed():
-        if each["name"] in known:
-            lines += ["", f"## {each['name']}", "", *section(each, known[each["name"]])]
+        if each["name"] in results:
+            lines += ["", f"## {each['name']}", "", *section(each, results[each["name"]])]
     return "\n".join(lines) + "\n"
 
 
-def row(name: str, found: dict[str, Any] | None, judged: dict[str, str] | None) -> str:
+def row(name: str, result: dict[str, Any] | None, judged: dict[str, str] | None) -> str:
     """Return a repository's line of the table."""
-    if not found or not judged:
+    if not result or not judged:
         return f"| {name} | not run yet | | | | | |"
-    cells = found.get("cells", [])
+    cells = result.get("cells", [])
     cases = max((len(cell.get("cases", {})) for cell in cells), default=0)
     tests = "; ".join(dict.fromkeys(suite_words(cell) for cell in cells if cell.get("suite"))) or "not asked for"
-    verdicts = "; ".join(f"{count} {what}" for what, count in Counter(told(cell) for cell in cells).items())
-    init = f"exit {found['code']}, {found['seconds']} s"
+    verdicts = "; ".join(f"{count} {what}" for what, count in Counter(describe_verdict(cell) for cell in cells).items())
+    init = f"exit {result['code']}, {result['seconds']} s"
     return f"| {name} | {judged['answer']} | {init} | {cases} | {tests} | {verdicts} | {judged['why']} |"
 
 
-def told(cell: dict[str, Any]) -> str:
+def describe_verdict(cell: dict[str, Any]) -> str:
     """Return the verdict of a cell in words."""
     return str(cell.get("verdict", f"exit {cell['code']}")).replace("_", " ")
 
@@ -199,15 +199,16 @@ def suite_words(cell: dict[str, Any]) -> str:
     return f"{suite['outcome'].replace('_', ' ')}" + (f" ({', '.join(suite['known_as'])})" if suite["known_as"] else "")
 
 
-def section(repository: dict[str, str], found: dict[str, Any]) -> Iterator[str]:
+def section(repository: dict[str, str], result: dict[str, Any]) -> Iterator[str]:
     """Yield the expectation that was written before, and the results."""
     expected = " ".join(repository["right"].split())
     yield f"`{repository['source']}` at `{repository['commit'][:12]}`. Expected: {expected}"
     yield from ("", "`init`:", "", "```")
-    yield from found["said"]
+    yield from result["said"]
     yield from ("```", "")
-    for cell in found.get("cells", []):
-        yield f"- `{cell['id']}`: **{told(cell)}**, exit {cell['code']}. {cell.get('decisive') or ''}".rstrip()
+    for cell in result.get("cells", []):
+        line = f"- `{cell['id']}`: **{describe_verdict(cell)}**, exit {cell['code']}. {cell.get('decisive') or ''}"
+        yield line.rstrip()
         if cell.get("known_as"):
             yield f"  - known as {', '.join(cell['known_as'])}"
         yield from (f"  - {env}: {phases}" for env, phases in cell.get("cases", {}).items())

@@ -67,7 +67,7 @@ def main() -> None:
     rows = {}
     for size in args.sizes:
         with tempfile.TemporaryDirectory() as folder:
-            rows[size] = measured(Path(folder), size, args.runs)
+            rows[size] = measure_size(Path(folder), size, args.runs)
         print(size, rows[size], file=sys.stderr)
     text = render(rows, args.runs)
     (HERE / "growth.md").write_text(text)
@@ -77,7 +77,7 @@ def main() -> None:
 # --- one size --------------------------------------------------------------------------------------------------
 
 
-def measured(folder: Path, size: int, runs: int) -> dict[str, float]:
+def measure_size(folder: Path, size: int, runs: int) -> dict[str, float]:
     """Return the seconds of each stage and of whole commands, and peaks of memory (MB)."""
     matrix = fakecells.write_matrix(folder, size)
     state = folder / "state"
@@ -85,8 +85,8 @@ def measured(folder: Path, size: int, runs: int) -> dict[str, float]:
     called([sys.executable, __file__, "--prepare", str(matrix)], env, folder)
     staged = []
     for _ in range(runs):
-        for told in ("cells", "claims", "reports"):
-            shutil.rmtree(state / told, ignore_errors=True)
+        for name in ("cells", "claims", "reports"):
+            shutil.rmtree(state / name, ignore_errors=True)
         staged.append(json.loads(called([sys.executable, __file__, "--stages", str(matrix)], env, folder)[3]))
     run = [sys.executable, "-m", "harness", "run", str(matrix)]
     called(run, env, folder)
@@ -118,7 +118,7 @@ def called(command: Sequence[str], env: Mapping[str, str], cwd: Path) -> tuple[f
 def prepare(matrix: Path) -> None:
     """Store what a run of the matrix would have measured."""
     opened = store.open_store()
-    plan = open_matrix.dated(open_matrix.load(str(matrix), print), opened)
+    plan = open_matrix.set_instant(open_matrix.load(str(matrix), print), opened)
     fakecells.fill(plan.cells, opened, progress.Progress(len(plan.cells), 2, publishing.headline))
 
 
@@ -136,30 +136,30 @@ def stages(matrix: Path) -> dict[str, float]:
         timed[stage] = time.process_time() - start
 
     with timing("plan"):
-        plan = open_matrix.dated(open_matrix.load(str(matrix), print), opened)
+        plan = open_matrix.set_instant(open_matrix.load(str(matrix), print), opened)
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         board = progress.Progress(len(plan.cells), 2, publishing.headline)
         first = Runner(opened, Settings(), board)
-        known = [record for cell in plan.cells if (record := first.known(cell))]
+        records = [record for cell in plan.cells if (record := first.known(cell))]
         with timing("store"):
-            for record in known:
+            for record in records:
                 first.keep(record)
-        del first, known, record
+        del first, records, record
         again = Runner(opened, Settings(), board)
         with timing("look up"):
-            known = [record for cell in plan.cells if (record := again.known(cell))]
-        assert len(known) == len(again.unchanged) == len(plan.cells)
+            records = [record for cell in plan.cells if (record := again.known(cell))]
+        assert len(records) == len(again.unchanged) == len(plan.cells)
         with timing("schedule"):
-            runner = Made(opened, Settings(jobs=2), board)
-            runner.records = {record.cell.id: record for record in known}
+            runner = InstantRunner(opened, Settings(jobs=2), board)
+            runner.records = {record.cell.id: record for record in records}
             flow = Flow(runner)
             flow.run(plan.cells, Past(opened, here.id, plan.cells))
         with timing(COPY):
-            locate = publishing.place(known, opened, opened.folder / "reports" / plan.matrix)
-            document.build(known, [plan], {here.id: here.facts}, store.now(), locate)  # copies what it names
+            locate = publishing.place(records, opened, opened.folder / "reports" / plan.matrix)
+            document.build(records, [plan], {here.id: here.facts}, store.now(), locate)  # copies what it names
         with timing("report"):
             wanted = publishing.Wanted(out=None, pivot=None, json=False, fail_on=())
-            publishing.finish([plan], known, opened, wanted)
+            publishing.finish([plan], records, opened, wanted)
     return {**timed, "mb": peak_mb()}
 
 
@@ -170,7 +170,7 @@ def peak_mb() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-class Made(Runner):
+class InstantRunner(Runner):
     """A runner that installs and probes cells in no time; everything around that is real."""
 
     records: Mapping[str, CellRecord]
@@ -197,9 +197,9 @@ def render(rows: Mapping[int, Mapping[str, float]], runs: int) -> str:
     lines = []
     for size, row in rows.items():
         spent = [row[stage] for stage in STAGES]
-        told = [*(f"{one:.2f} s" for one in (*spent, sum(spent), row[COPY])), f"{row['stages_mb']:.0f} MB"]
+        figures = [*(f"{one:.2f} s" for one in (*spent, sum(spent), row[COPY])), f"{row['stages_mb']:.0f} MB"]
         again = [f"{row['again']:.2f} s", f"{row['again_computing']:.2f} s", f"{row['again_mb']:.0f} MB"]
-        lines.append(" | ".join([f"{size:,}", *told, *again]))
+        lines.append(" | ".join([f"{size:,}", *figures, *again]))
     return "\n".join(
         [
             "# How cost grows with the number of cells",

@@ -67,20 +67,22 @@ class Judged:
         """Return whether a remedy was proven that leaves the versions that were asked for."""
         return bool(self.proof) and self.proof["status"] == "found" and not self.proof["remedy"]["moved"]
 
-    def held(self, said: Mapping[str, Any]) -> str:
+    def held(self, document: Mapping[str, Any]) -> str:
         """Grade the diagnosis in a document: `right`, `wrong`, `unknown`, or `unknown, another line`.
 
         The last two name no cause. With `unknown` the decisive line is the right one.
         """
-        named = first(said["diagnoses"])
+        named = first(document["diagnoses"])
         if named:
             return "right" if named in self.truth["named"] else "wrong"
-        return "unknown" if self.truth["line"] in (said["decisive"] or "") else "unknown, another line"
+        return "unknown" if self.truth["line"] in (document["decisive"] or "") else "unknown, another line"
 
 
-def first(found: Sequence[Mapping[str, Any]]) -> str | None:
+def first(diagnoses: Sequence[Mapping[str, Any]]) -> str | None:
     """Return the cause that is named first: a mask only where nothing else is."""
-    return next((one["signature"] for one in found if not one["masks"]), found[0]["signature"] if found else None)
+    return next(
+        (one["signature"] for one in diagnoses if not one["masks"]), diagnoses[0]["signature"] if diagnoses else None
+    )
 
 
 PHASES = ("resolve", "install", "import", "single", "vector", "render")
@@ -116,20 +118,20 @@ def repair(folder: Path, minutes: float) -> None:
     for label in sorted(drawn(cells(folder)), key=lambda label: not so[label]["curable"]):
         if so[label].get("heavy"):
             continue
-        kept = folder / "repairs" / f"{label}.json"
-        if kept.exists():
+        path = folder / "repairs" / f"{label}.json"
+        if path.exists():
             continue
         if monotonic() - began > minutes * 60:
             break
-        found = simmatrix(folder, "repair", f"{MATRIX}/{label}", "--minutes", str(MINUTES_EACH), "--json")
-        if found.stdout.strip():
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            kept.write_text(found.stdout, encoding="utf-8")
+        process = simmatrix(folder, "repair", f"{MATRIX}/{label}", "--minutes", str(MINUTES_EACH), "--json")
+        if process.stdout.strip():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(process.stdout, encoding="utf-8")
 
 
-def drawn(known: Mapping[str, Mapping[str, Any]]) -> list[str]:
+def drawn(cells_by_label: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Return the red cells in an order that says nothing about them."""
-    labels = sorted(label for label, cell in known.items() if cell["verdict"] in RED)
+    labels = sorted(label for label, cell in cells_by_label.items() if cell["verdict"] in RED)
     random.Random(SEED).shuffle(labels)
     return labels
 
@@ -145,22 +147,22 @@ def cells(folder: Path) -> dict[str, Mapping[str, Any]]:
 
 def score(folder: Path, _: float) -> None:
     """Compare diagnoses and repairs with the truth, print the result and write `judged.md`."""
-    known = cells(folder)
+    cells_by_label = cells(folder)
     so = truths()
-    if missing := [label for label in drawn(known) if label not in so]:
+    if missing := [label for label in drawn(cells_by_label) if label not in so]:
         sys.exit(f"{TRUTH.name}: nothing is said of {', '.join(missing)}")
     judged = [
         Judged(
             label=label,
             truth=so[label],
-            cell=known[label],
+            cell=cells_by_label[label],
             proof=proof(folder, label),
-            log=log(folder, known[label]),
+            log=log(folder, cells_by_label[label]),
         )
-        for label in sorted(drawn(known))
-        for cell in [known[label]]
+        for label in sorted(drawn(cells_by_label))
+        for cell in [cells_by_label[label]]
     ]
-    text = "\n".join(page(judged, known))
+    text = "\n".join(page(judged, cells_by_label))
     (HERE / "judged.md").write_text(text + "\n", encoding="utf-8")
     print(text)
 
@@ -200,15 +202,15 @@ def tracebacks(path: Path) -> Iterator[str]:
         yield from (one["traceback"] for one in raised if "traceback" in one)
 
 
-def page(judged: Sequence[Judged], known: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+def page(judged: Sequence[Judged], cells_by_label: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     """Yield the whole document."""
     today = datetime.now(UTC).strftime("%Y-%m-%d")
     yield "# How good diagnoses and repairs are"
     yield ""
     yield (
         f"Made by `python benchmarks/judged.py run`, `repair`, `score` on {today}: Python {platform.python_version()}, "
-        f"Linux {platform.machine()}, {os.cpu_count()} cores, which other work shared. The {len(known)} combinations "
-        "of [judged.toml](judged.toml) were listed before any was run, by a hand that wrote no signature; "
+        f"Linux {platform.machine()}, {os.cpu_count()} cores, which other work shared. The "
+        f"{len(cells_by_label)} combinations of [judged.toml](judged.toml) were listed before any was run, by a hand that wrote no signature; "
         "[judged-truth.toml](judged-truth.toml) says of each that fails what is so, from its logs."
     )
     yield ""
@@ -241,8 +243,8 @@ def figures(judged: Sequence[Judged]) -> Iterator[str]:
     yield f"| cause, wrong | {share(causes['wrong'], len(judged))} | at most 2 of 100 |"
     yield f"| cause unknown, with the right line | {share(causes['unknown'], len(judged))} | the rest |"
     yield f"| cause unknown, with another line | {share(causes['unknown, another line'], len(judged))} | none |"
-    told = f"{share(logs['right'], logs.total())} right, {share(logs['wrong'], logs.total())} wrong"
-    yield f"| cause, of the log alone (`explain`) | {told} | |"
+    summary = f"{share(logs['right'], logs.total())} right, {share(logs['wrong'], logs.total())} wrong"
+    yield f"| cause, of the log alone (`explain`) | {summary} | |"
     yield f"| a proven remedy, of those tried that have one | {share(len(cured), len(tried))} | 80 of 100 |"
     if cured:
         seconds = statistics.median(one.proof["seconds"] for one in cured if one.proof)
@@ -250,8 +252,8 @@ def figures(judged: Sequence[Judged]) -> Iterator[str]:
         yield f"| median repair | {seconds:.0f} s, {built:.0f} environments built | 90 s, caches warm |"
     if searched := [one.proof for one in cured if one.proof and one.proof["bound"]]:
         built, bound = (sum(proof[key] for proof in searched) for key in ("built", "bound"))
-        told = f"{built} environments built in all, {bound} tests that binary searches need at most"
-        yield f"| the {len(searched)} that searched among packages | {told} ({built / bound:.2f}) | |"
+        summary = f"{built} environments built in all, {bound} tests that binary searches need at most"
+        yield f"| the {len(searched)} that searched among packages | {summary} ({built / bound:.2f}) | |"
 
 
 def share(count: int, whole: int) -> str:
@@ -259,28 +261,41 @@ def share(count: int, whole: int) -> str:
     return f"{count} of {whole} ({100 * count / whole:.0f} of 100)" if whole else "none"
 
 
-def row(one: Judged) -> str:
+def row(combination: Judged) -> str:
     """Return the line of the table for one combination."""
-    phase = one.phase if one.phase == one.truth["phase"] else f"{one.phase}, but it is {one.truth['phase']}"
+    phase = (
+        combination.phase
+        if combination.phase == combination.truth["phase"]
+        else f"{combination.phase}, but it is {combination.truth['phase']}"
+    )
     return (
         "| "
-        + " | ".join((one.label, str(phase), one.cause, one.named or "", one.explained or "", *repaired(one)))
+        + " | ".join(
+            (
+                combination.label,
+                str(phase),
+                combination.cause,
+                combination.named or "",
+                combination.explained or "",
+                *repaired(combination),
+            )
+        )
         + " |"
     )
 
 
-def repaired(one: Judged) -> Iterable[str]:
+def repaired(combination: Judged) -> Iterable[str]:
     """Return the cells of the table about a repair: result, runs, environments built, seconds."""
-    if one.proof is None:
+    if combination.proof is None:
         return ("not tried", "", "", "")
-    does = "; ".join((one.proof.get("remedy") or {}).get("does", ()))
-    told = does if one.proof["status"] == "found" else one.proof["status"]
-    if not one.truth["curable"] and not one.cured:
-        told = f"{told} (none is known)"
+    does = "; ".join((combination.proof.get("remedy") or {}).get("does", ()))
+    outcome = does if combination.proof["status"] == "found" else combination.proof["status"]
+    if not combination.truth["curable"] and not combination.cured:
+        outcome = f"{outcome} (none is known)"
     return (
-        told.replace("|", "\\|"),
-        *(str(one.proof[key]) for key in ("measured", "built")),
-        f"{one.proof['seconds']:.0f}",
+        outcome.replace("|", "\\|"),
+        *(str(combination.proof[key]) for key in ("measured", "built")),
+        f"{combination.proof['seconds']:.0f}",
     )
 
 

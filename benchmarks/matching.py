@@ -31,8 +31,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--runs", type=int, default=5)
     runs = parser.parse_args().runs
-    patterns = [str(one.pattern) for one in shipped_signatures.known() if one.pattern]
-    examples = "\n".join(text for one in shipped_signatures.known() for text in one.examples)
+    patterns = [str(one.pattern) for one in shipped_signatures.load_all() if one.pattern]
+    examples = "\n".join(text for one in shipped_signatures.load_all() for text in one.examples)
     rows = [
         _row("what is kept of a cell's log, nothing in it", _log(HEAD + TAIL), patterns, runs),
         _row("what `explain` keeps of a long log, nothing in it", _log(FIRST + LAST), patterns, runs),
@@ -62,14 +62,14 @@ def _row(what: str, text: str, patterns: Sequence[str], runs: int) -> str:
     def first(pattern: str) -> bool:
         return matching.search(pattern, text) is not None
 
-    found = [alone(pattern) for pattern in patterns]
-    assert found == [first(pattern) for pattern in patterns], "the two sides differ"
+    hits = [alone(pattern) for pattern in patterns]
+    assert hits == [first(pattern) for pattern in patterns], "the two sides differ"
     sides: tuple[list[float], list[float]] = ([], [])
     for _ in range(runs):
         for side, look in zip(sides, (alone, first), strict=True):
             side.append(_seconds(look, patterns))
     slow, fast = (statistics.median(side) for side in sides)
-    return f"| {what} | {len(text):,} | {sum(found)} | {slow:.3f} s | {fast:.3f} s | {slow / fast:.0f} |\n"
+    return f"| {what} | {len(text):,} | {sum(hits)} | {slow:.3f} s | {fast:.3f} s | {slow / fast:.0f} |\n"
 
 
 def _seconds(look: Callable[[str], bool], patterns: Sequence[str]) -> float:

@@ -55,10 +55,12 @@ class Reason:
     before: str = ""
     after: str = ""
 
-    def explains(self, one: Difference) -> bool:
+    def explains(self, difference: Difference) -> bool:
         """Return whether a difference is one of these."""
-        said = one.field in self.fields and fnmatchcase(one.cell, self.cells)
-        return said and bool(re.search(self.before, str(one.before)) and re.search(self.after, str(one.after)))
+        applies = difference.field in self.fields and fnmatchcase(difference.cell, self.cells)
+        return applies and bool(
+            re.search(self.before, str(difference.before)) and re.search(self.after, str(difference.after))
+        )
 
 
 def cells(document: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
@@ -78,20 +80,24 @@ def differences(before: Cells, after: Cells) -> Iterator[Difference]:
     for name in {**before, **after}:
         old, new = before.get(name, {}), after.get(name, {})
         for field in {**old, **new}:
-            one, other = old.get(field), new.get(field)
-            if one != other and NUMBER.sub("…", str(one)) != NUMBER.sub("…", str(other)):
-                yield Difference(cell=name, field=field, before=one, after=other)
+            value, other = old.get(field), new.get(field)
+            if value != other and NUMBER.sub("…", str(value)) != NUMBER.sub("…", str(other)):
+                yield Difference(cell=name, field=field, before=value, after=other)
 
 
-def at(commit: str, name: str) -> dict[str, Any]:
+def read_report(commit: str, name: str) -> dict[str, Any]:
     """Return the report of a matrix at a commit."""
-    asked = ["git", "show", f"{commit}:reports/{name}/report.json"]
-    told = subprocess.run(asked, check=True, capture_output=True, cwd=HERE.parent).stdout
-    return dict(json.loads(told))
+    command = ["git", "show", f"{commit}:reports/{name}/report.json"]
+    output = subprocess.run(command, check=True, capture_output=True, cwd=HERE.parent).stdout
+    return dict(json.loads(output))
 
 
 def page(
-    commit: str, names: Sequence[str], total: int, found: Mapping[str, list[Difference]], known: Mapping[str, Reason]
+    commit: str,
+    names: Sequence[str],
+    total: int,
+    by_reason: Mapping[str, list[Difference]],
+    reasons: Mapping[str, Reason],
 ) -> str:
     """Return the table of all differences, by reason."""
     lines = [
@@ -104,12 +110,12 @@ def page(
         "| reason | cells | differences | by hand |",
         "| --- | --- | --- | --- |",
     ]
-    for name, those in sorted(found.items(), key=lambda pair: -len(pair[1])):
-        seen = list(dict.fromkeys(one.cell for one in those))
+    for name, group in sorted(by_reason.items(), key=lambda pair: -len(pair[1])):
+        seen = list(dict.fromkeys(one.cell for one in group))
         named = ", ".join(f"`{cell}`" for cell in seen[:MOST_NAMED]) + (" …" if len(seen) > MOST_NAMED else "")
-        reason = known.get(name)
+        reason = reasons.get(name)
         why, hand = (reason.why, reason.by_hand) if reason else ("**no reason known**", "")
-        lines.append(f"| {why} | {len(seen)}: {named} | {len(those)} | {hand} |")
+        lines.append(f"| {why} | {len(seen)}: {named} | {len(group)} | {hand} |")
     lines += ["", f"Measured again: {', '.join(names)}.", ""]
     return "\n".join(lines)
 
@@ -121,23 +127,26 @@ def main() -> int:
     parser.add_argument("--write", action="store_true")
     args = parser.parse_args()
     listed = tomllib.loads(REASONS.read_text(encoding="utf-8"))["reason"]
-    known = {one["id"]: Reason(**{**one, "fields": tuple(one.get("fields", FIELDS))}) for one in listed}
+    reasons = {one["id"]: Reason(**{**one, "fields": tuple(one.get("fields", FIELDS))}) for one in listed}
     names = sorted(path.parent.name for path in REPORTS.glob("*/index.json"))
-    found: dict[str, list[Difference]] = {}
+    by_reason: dict[str, list[Difference]] = {}
     total = 0
     for name in names:
         now = cells(json.loads((REPORTS / name / "report.json").read_bytes()))
         total += len(now)
-        for one in differences(cells(at(args.commit, name)), now):
-            reason = next((each.id for each in known.values() if each.explains(one)), "")
-            found.setdefault(reason, []).append(one)
-    text = page(args.commit, names, total, found, known)
+        for difference in differences(cells(read_report(args.commit, name)), now):
+            reason = next((each.id for each in reasons.values() if each.explains(difference)), "")
+            by_reason.setdefault(reason, []).append(difference)
+    text = page(args.commit, names, total, by_reason, reasons)
     if args.write:
         PAGE.write_text(text, encoding="utf-8")
     print(text)
-    for one in found.get("", []):
-        print(f"no reason: {one.cell} {one.field}: {one.before} -> {one.after}", file=sys.stderr)
-    return 1 if "" in found else 0
+    for difference in by_reason.get("", []):
+        print(
+            f"no reason: {difference.cell} {difference.field}: {difference.before} -> {difference.after}",
+            file=sys.stderr,
+        )
+    return 1 if "" in by_reason else 0
 
 
 if __name__ == "__main__":

@@ -106,12 +106,12 @@ class Side:
         """Time one run, count its checks and note what its environments hold."""
         ask(work)
         start, computed = time.perf_counter(), of_children()
-        found = self.run(bench, work, style, state)
+        count = self.run(bench, work, style, state)
         self.seconds.setdefault((style, state), []).append(time.perf_counter() - start)
         self.computed.setdefault((style, state), []).append(of_children() - computed)
-        found = found if style == USUAL else passed(work)
-        if state != AGAIN and self.checks.setdefault(style, found) != found:
-            message = f"{self.name}: {found} checks, and {self.checks[style]} before"
+        count = count if style == USUAL else count_passed_checks(work)
+        if state != AGAIN and self.checks.setdefault(style, count) != count:
+            message = f"{self.name}: {count} checks, and {self.checks[style]} before"
             raise Unequal(message)
         self.packages[style] = dict(packages(work, self.environments))
 
@@ -150,8 +150,8 @@ def ask(work: Path) -> None:
         for gymnasium in GYMNASIUM:
             factors = f"{SCRIPTS}-py{python}-gym{gymnasium}".replace(".", "")
             for name in (f"{python}-{gymnasium}", factors):
-                for asked, checks in REQUESTS.items():
-                    folder = work / "requests" / name / asked
+                for request_name, checks in REQUESTS.items():
+                    folder = work / "requests" / name / request_name
                     folder.mkdir(parents=True)
                     case = Case(id="CartPole-v1", env="CartPole-v1", api="gymnasium", checks=checks)
                     limits = dict.fromkeys(checks, 120.0)
@@ -159,7 +159,7 @@ def ask(work: Path) -> None:
                     folder.with_suffix(".json").write_text(wire.request_to_json(request))
 
 
-def passed(work: Path) -> int:
+def count_passed_checks(work: Path) -> int:
     """Count the checks that passed, by the replies: the peers' beside their requests, ours where evidence is kept."""
     replies = [*work.glob("requests/*/*/reply.jsonl"), *work.glob("state/evidence/*/reply.jsonl")]
     records = [json.loads(line) for reply in replies for line in reply.read_text().splitlines()]
@@ -169,29 +169,29 @@ def passed(work: Path) -> int:
 # --- the sides -------------------------------------------------------------------------------------------------
 
 
-def counted(said: str) -> int:
+def count_passed_tests(output: str) -> int:
     """Count the tests that passed, by the output of pytest."""
-    return sum(int(number) for number in re.findall(r"^(?:=+ )?(\d+) passed", said, re.MULTILINE))
+    return sum(int(number) for number in re.findall(r"^(?:=+ )?(\d+) passed", output, re.MULTILINE))
 
 
 def nox(bench: Bench, work: Path, style: str, state: str) -> int:
     """Run nox with uv, two sessions at a time; what exists is taken as it is."""
     reuse = () if state == COLD else ("-R",)
     parallel = ("-j", str(CORES), "--allow-parallel")
-    return counted(bench.call(work, (bench.tools / "nox/bin/nox", "-s", style, *parallel, *reuse)))
+    return count_passed_tests(bench.call(work, (bench.tools / "nox/bin/nox", "-s", style, *parallel, *reuse)))
 
 
 def tox(bench: Bench, work: Path, style: str, _state: str) -> int:
     """Run tox with tox-uv, two environments at a time; `-o` shows what they print, so that it can be counted."""
     command = (bench.tools / "tox/bin/tox", "run-parallel", "-p", str(CORES), "-o", "-f", style)
-    return counted(bench.call(work, command))
+    return count_passed_tests(bench.call(work, command))
 
 
 def hatch(bench: Bench, work: Path, style: str, _state: str) -> int:
     """Run hatch with uv; it runs its matrix one after the other."""
     uv = str(bench.tools / "hatch/bin/uv")
     command = (bench.tools / "hatch/bin/hatch", "run", f"{style}:checks")
-    return counted(bench.call(work, command, HATCH_ENV_TYPE_VIRTUAL_UV_PATH=uv))
+    return count_passed_tests(bench.call(work, command, HATCH_ENV_TYPE_VIRTUAL_UV_PATH=uv))
 
 
 def ours(bench: Bench, work: Path, style: str, state: str) -> int:
@@ -199,26 +199,26 @@ def ours(bench: Bench, work: Path, style: str, state: str) -> int:
     if style == USUAL:
         more = ("--matrix-fresh",) if state == WARM else ()
         suite = ("--pyargs", "harness.smoke", "--matrix", "probes.toml", "-q", "-n", str(CORES))
-        return counted(bench.call(work, (sys.executable, "-m", "pytest", *suite, *more)))
+        return count_passed_tests(bench.call(work, (sys.executable, "-m", "pytest", *suite, *more)))
     more = ("--fresh",) if state == WARM else ()
-    return counted(bench.call(work, (sys.executable, "-m", "harness", "run", "probes.toml", *more)))
+    return count_passed_tests(bench.call(work, (sys.executable, "-m", "harness", "run", "probes.toml", *more)))
 
 
 def bare(bench: Bench, work: Path, style: str, state: str) -> int:
     """Run uv and the interpreter alone, cells spread over the cores."""
     uv = bench.tools / "hatch/bin/uv"
 
-    def cell(asked: tuple[str, str]) -> int:
-        python, gymnasium = asked
+    def cell(versions: tuple[str, str]) -> int:
+        python, gymnasium = versions
         place = work / "bare" / f"{python}-{gymnasium}"
         if state == COLD:
             wanted = (f"gymnasium[classic-control]=={gymnasium}", *(["pytest"] if style == USUAL else []))
             bench.call(work, (uv, "venv", "-q", "--python", bench.pythons[python], place))
             bench.call(work, (uv, "pip", "install", "-q", "--python", place / "bin/python", *wanted))
         if style == USUAL:
-            return counted(bench.call(work, (place / "bin/pytest", "-q", "checks")))
-        for one in REQUESTS:
-            request = work / "requests" / place.name / f"{one}.json"
+            return count_passed_tests(bench.call(work, (place / "bin/pytest", "-q", "checks")))
+        for request_name in REQUESTS:
+            request = work / "requests" / place.name / f"{request_name}.json"
             bench.call(work, (place / "bin/python", "-s", "incell/bootstrap.py", request))
         return 0
 
@@ -267,8 +267,8 @@ def prepared(folder: Path) -> Bench:
     foreign = ("UV_", "PIP_", "HARNESS_", "NOX", "TOX", "HATCH", "VIRTUAL_ENV", "PYTHON")
     user = dict(os.environ)
     clean = {name: value for name, value in user.items() if not name.startswith(foreign)}
-    found = {python: interpreters.find(python) for python in PYTHONS}
-    pythons = {python: one.path for python, one in found.items() if one}
+    by_version = {python: interpreters.find(python) for python in PYTHONS}
+    pythons = {python: one.path for python, one in by_version.items() if one}
     if len(pythons) < len(PYTHONS):
         message = f"Pythons {', '.join(PYTHONS)} are needed; here are {', '.join(pythons) or 'none of them'}"
         raise SystemExit(message)
@@ -317,12 +317,12 @@ def compare(measured: Sequence[Side], style: str) -> None:
     reference = measured[0].packages[style]
     for side in measured:
         extra = ONLY_PYTEST if style == USUAL and side.name != OURS else set()
-        found = {
+        cell_packages = {
             cell: frozenset(name for name in names if name.partition("-")[0] not in extra)
             for cell, names in side.packages[style].items()
         }
-        if found != reference or len(found) != cells:
-            message = f"{side.name} has other packages in its environments than {OURS}: {found} and {reference}"
+        if cell_packages != reference or len(cell_packages) != cells:
+            message = f"{side.name} has other packages in its environments than {OURS}: {cell_packages} and {reference}"
             raise Unequal(message)
         wanted = measured[0].checks[style] if style == SCRIPTS else TESTS * cells
         if side.checks[style] != wanted and (style, side.name) != (USUAL, OURS):
@@ -332,9 +332,9 @@ def compare(measured: Sequence[Side], style: str) -> None:
 
 def installed(tool: Path, name: str) -> str:
     """Return the version of a tool."""
-    said = subprocess.run((tool / "bin" / name, "--version"), capture_output=True, text=True, check=True)
-    found = re.search(r"\d+(?:\.\d+)+", said.stdout + said.stderr)
-    return found[0] if found else "?"
+    process = subprocess.run((tool / "bin" / name, "--version"), capture_output=True, text=True, check=True)
+    match = re.search(r"\d+(?:\.\d+)+", process.stdout + process.stderr)
+    return match[0] if match else "?"
 
 
 # --- the table -------------------------------------------------------------------------------------------------

@@ -60,10 +60,10 @@ def main() -> None:
     argparse.ArgumentParser(description=__doc__).parse_args()
     text = matrix_text()
     started = time.perf_counter()
-    found = planned(text)
+    matrix_plan = planned(text)
     seconds = time.perf_counter() - started
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"{len(found.cells)} cells, {len(found.dropped)} dropped: {seconds:.2f} s, peak {peak:.0f} MB")
+    print(f"{len(matrix_plan.cells)} cells, {len(matrix_plan.dropped)} dropped: {seconds:.2f} s, peak {peak:.0f} MB")
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from harness.model.vocabulary import CHECKS, STANDARD
 from harness.probes import launch, wire
 
 HERE = Path(__file__).parent
-ASKED = tuple(check for check in CHECKS if check in STANDARD)
+STANDARD_CHECKS = tuple(check for check in CHECKS if check in STANDARD)
 """The checks of a case that asks for none, in their order."""
 CELL = """
 snapshot = 2026-11-20
@@ -131,7 +131,7 @@ class Bench:
              "--python", sys.executable, "in.txt", "-o", "out.txt"],
             [uv, "venv", "-q", "--python", sys.executable, "env"],
             [uv, "pip", "install", "-q", "--python", python, "--require-hashes", "--no-deps", "-r", "out.txt"],
-            [python, "-s", str(launch.INCELL / "bootstrap.py"), self.request(work, ASKED)],
+            [python, "-s", str(launch.INCELL / "bootstrap.py"), self.request(work, STANDARD_CHECKS)],
             [python, "-s", str(launch.INCELL / "bootstrap.py"), self.request(work, ("single.repeat",))],
         ]  # fmt: skip
         env = {**self.env, "UV_CACHE_DIR": str(self.folder / "cache" / "uv"), "SDL_VIDEODRIVER": "dummy"}
@@ -161,10 +161,10 @@ class Bench:
         subprocess.run(command, check=True, env=self.env, cwd=self.folder, capture_output=True)
         return time.perf_counter() - start
 
-    def in_turn(self, one: Callable[[], float], other: Callable[[], float]) -> tuple[float, float]:
+    def in_turn(self, first: Callable[[], float], other: Callable[[], float]) -> tuple[float, float]:
         """Return the medians of both, measured in turn so that a noisy machine is noisy for both; one warm-up each."""
-        one(), other()
-        pairs = [(one(), other()) for _ in range(self.runs)]
+        first(), other()
+        pairs = [(first(), other()) for _ in range(self.runs)]
         return statistics.median(p[0] for p in pairs), statistics.median(p[1] for p in pairs)
 
 

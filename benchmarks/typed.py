@@ -82,8 +82,8 @@ def _lines(lists: Mapping[str, Any], folder: Path, names: Sequence[str]) -> Iter
     for name, table in {**lists["package"], **lists["also"]}.items():
         if names and name not in names:
             continue
-        kept = folder / f"{name}.json"
-        answer = json.loads(kept.read_text()) if kept.exists() else None
+        path = folder / f"{name}.json"
+        answer = json.loads(path.read_text()) if path.exists() else None
         yield Line(name, table, answer, truths.get(name, {}))
 
 

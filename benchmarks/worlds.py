@@ -34,7 +34,7 @@ from harness.rootcause import search  # noqa: E402
 from harness.rootcause.bench import Bench  # noqa: E402
 from harness.rootcause.bisection import candidates  # noqa: E402
 from harness.rootcause.bisection.bisecting import Bisection, Task  # noqa: E402
-from harness.rootcause.bisection.predicate import Predicate, plain  # noqa: E402
+from harness.rootcause.bisection.predicate import Predicate, strip_run_count  # noqa: E402
 from harness.rootcause.search import Answer, Rules  # noqa: E402
 from harness.running import scheduler  # noqa: E402
 
@@ -80,7 +80,7 @@ class World:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ended:
+class SearchResult:
     """The end of a search in a world; `tested` counts the runs of what could be installed, `asked` all."""
 
     seed: int
@@ -106,80 +106,92 @@ def world(seed: int) -> World:
 # --- without environments --------------------------------------------------------------------------------------
 
 
-def imagined(one: World, rate: float | None = None, sure: float = SURE) -> Ended:
+def simulate_search(scenario: World, rate: float | None = None, sure: float = SURE) -> SearchResult:
     """Search with a die instead of environments; `rate` is the chance of a wrong look, if not that of the world."""
-    rng = random.Random(f"runs {one.seed}")
-    wrong = rate if rate is not None else FLAKY if one.flaky else 0.0
+    rng = random.Random(f"runs {scenario.seed}")
+    wrong = rate if rate is not None else FLAKY if scenario.flaky else 0.0
 
     def look(broken: bool) -> Answer:
         first, second = (broken and rng.random() >= wrong for _ in range(2))
         return Answer.GOOD if not first else Answer.BAD if second else Answer.FLAKY
 
     rules = Rules(confidence=sure, looks=2)
-    if one.pair:
+    if scenario.pair:
         rules = Rules(confidence=sure)
         minimal = search.minimise(
-            range(one.releases), lambda moved: SHOWN[look({*one.culprits} <= {*moved})], rules=rules
+            range(scenario.releases), lambda moved: SHOWN[look({*scenario.culprits} <= {*moved})], rules=rules
         )
-        asked = [(each.candidate, each.answer) for each in minimal.asked]
-        return _ended(one, set(minimal.items or ()) == set(one.culprits), asked, minimal.bound)
-    found = search.boundary(
-        range(one.releases),
-        lambda index: Answer.UNTESTABLE if index in one.missing else look(index >= one.culprits[0]),
+        answers = [(each.candidate, each.answer) for each in minimal.asked]
+        return _ended(scenario, set(minimal.items or ()) == set(scenario.culprits), answers, minimal.bound)
+    boundary = search.boundary(
+        range(scenario.releases),
+        lambda index: Answer.UNTESTABLE if index in scenario.missing else look(index >= scenario.culprits[0]),
         rules=rules,
     )
     return _ended(
-        one, _right(one, found.good, found.bad), [(each.candidate, each.answer) for each in found.asked], found.bound
+        scenario,
+        _right(scenario, boundary.good, boundary.bad),
+        [(each.candidate, each.answer) for each in boundary.asked],
+        boundary.bound,
     )
 
 
-def _right(one: World, good: int | None, bad: int | None) -> bool:
-    told = good is not None and bad is not None and good < one.culprits[0] <= bad
-    return told and {*range((good or 0) + 1, bad or 0)} <= {*one.missing}
+def _right(scenario: World, good: int | None, bad: int | None) -> bool:
+    is_enclosed = good is not None and bad is not None and good < scenario.culprits[0] <= bad
+    return is_enclosed and {*range((good or 0) + 1, bad or 0)} <= {*scenario.missing}
 
 
-def _ended(one: World, right: bool, asked: Sequence[tuple[object, Answer]], bound: int, seconds: float = 0.0) -> Ended:
-    tested = [candidate for candidate, answer in asked if answer is not Answer.UNTESTABLE]
-    return Ended(seed=one.seed, right=right, asked=len(asked), tested=len(tested), environments=len(set(tested)),
-                 bound=bound, seconds=round(seconds, 1))  # fmt: skip
+def _ended(
+    scenario: World, right: bool, answers: Sequence[tuple[object, Answer]], bound: int, seconds: float = 0.0
+) -> SearchResult:
+    tested = [candidate for candidate, answer in answers if answer is not Answer.UNTESTABLE]
+    return SearchResult(
+        seed=scenario.seed,
+        right=right,
+        asked=len(answers),
+        tested=len(tested),
+        environments=len(set(tested)),
+        bound=bound,
+        seconds=round(seconds, 1),
+    )
 
 
 # --- with environments -----------------------------------------------------------------------------------------
 
 
-def real(one: World, folder: Path) -> Ended:
+def real(scenario: World, folder: Path) -> SearchResult:
     """Search with uv's resolutions, environments and probes."""
-    place = folder.absolute() / "index" / str(one.seed)
+    place = folder.absolute() / "index" / str(scenario.seed)
     shutil.rmtree(place, ignore_errors=True)
-    market.opened(place, place, folder / "no wheels", list(_releases(one)))
-    opened = store.Store(folder / "state" / str(one.seed))
-    cell = _cell(one, (place / "simple").as_uri())
+    market.write_index(place, place, folder / "no wheels", list(_releases(scenario)))
+    opened = store.Store(folder / "state" / str(scenario.seed))
+    cell = _cell(scenario, (place / "simple").as_uri())
     began = monotonic()
     with Bench(opened, scheduler.Settings(), Quiet()) as bench:
-        return (_pair if one.pair else _single)(one, cell, bench, lambda: monotonic() - began)
+        return (_pair if scenario.pair else _single)(scenario, cell, bench, lambda: monotonic() - began)
 
 
-def _releases(one: World) -> Iterator[market.Release]:
-    flaky = FLAKY if one.flaky else 0.0
-    names = [f"part{number}" for number in range(one.releases)] if one.pair else ["part"]
-    guilty = [f"part{number}" for number in one.culprits] if one.pair else ["part"]
-    limit = 2 if one.pair else one.culprits[0] + 1
+def _releases(scenario: World) -> Iterator[market.Release]:
+    flaky = FLAKY if scenario.flaky else 0.0
+    names = [f"part{number}" for number in range(scenario.releases)] if scenario.pair else ["part"]
+    guilty = [f"part{number}" for number in scenario.culprits] if scenario.pair else ["part"]
+    limit = 2 if scenario.pair else scenario.culprits[0] + 1
     broken = " and ".join(f"{name}.VERSION >= {limit}" for name in guilty)
     code = ROBOT.format(imports="\n".join(f"import {name}" for name in names), broken=broken, flaky=flaky)
-    yield market.Release(name=f"robot{one.seed}", version="1.0", day=DAY, code=code, requires=names)
+    yield market.Release(name=f"robot{scenario.seed}", version="1.0", day=DAY, code=code, requires=names)
     for name in names:
-        for version in range(1, 3 if one.pair else one.releases + 1):
-            lost = not one.pair and version - 1 in one.missing
-            code = f"VERSION = {version}\nWORLD = {one.seed}\n"
+        for version in range(1, 3 if scenario.pair else scenario.releases + 1):
+            lost = not scenario.pair and version - 1 in scenario.missing
+            code = f"VERSION = {version}\nWORLD = {scenario.seed}\n"
             yield market.Release(name=name, version=f"{version}.0", day=DAY, code=code,
                                  requires=["nowhere-to-be-had"] if lost else [])  # fmt: skip
 
 
-def _cell(one: World, index: str) -> Cell:
-    case = Case(id="import", env=None, api="", imports=(f"robot{one.seed}",), packages=(), checks=(IMPORT_CHECK,))
-    question = Question(requirements=(f"robot{one.seed}==1.0",), index=IndexSettings(default=index))
+def _cell(scenario: World, index: str) -> Cell:
+    case = Case(id="import", env=None, api="", imports=(f"robot{scenario.seed}",), packages=(), checks=(IMPORT_CHECK,))
+    question = Question(requirements=(f"robot{scenario.seed}==1.0",), index=IndexSettings(default=index))
     return Cell(
-        id=f"worlds/{one.seed}",
+        id=f"worlds/{scenario.seed}",
         matrix="worlds",
         axes={},
         python="host",
@@ -189,33 +201,33 @@ def _cell(one: World, index: str) -> Cell:
     )
 
 
-def _single(one: World, cell: Cell, bench: Bench, clock: Callable[[], float]) -> Ended:
+def _single(scenario: World, cell: Cell, bench: Bench, clock: Callable[[], float]) -> SearchResult:
     interpreter = interpreters.find("host")
     assert interpreter
-    line = candidates.of_package(cell, "part", interpreter, candidates.Kept(offline=True)).candidates
+    line = candidates.of_package(cell, "part", interpreter, candidates.LineOptions(offline=True)).candidates
     task = Task(cell=cell, axis="part", line=line, good=0, bad=len(line) - 1, confidence=SURE)
     search_ = Bisection(task, bench, lambda _: None)
     done = search_.run()
     places = [int(step.candidate.name.partition(".")[0]) - 1 if step else None for step in (done.good, done.bad)]
-    asked = [(step.candidate.name, step.said.answer) for step in search_.steps if step.why != "whole"]
-    return _ended(one, _right(one, *places), asked, search.bound(len(line)), clock())
+    answers = [(step.candidate.name, step.said.answer) for step in search_.steps if step.why != "whole"]
+    return _ended(scenario, _right(scenario, *places), answers, search.bound(len(line)), clock())
 
 
-def _pair(one: World, cell: Cell, bench: Bench, clock: Callable[[], float]) -> Ended:
+def _pair(scenario: World, cell: Cell, bench: Bench, clock: Callable[[], float]) -> SearchResult:
     before = bench.measure(cell)
     while before.works:  # whoever asks has seen it fail
         before = bench.measure(cell, again=True)
-    predicate = Predicate(failure=plain(before.failure))
+    predicate = Predicate(failure=strip_run_count(before.failure))
 
     def moved(chosen: tuple[int, ...]) -> Answer:
-        lines = tuple(f"part{number}==1.0" for number in range(one.releases) if number not in chosen)
-        made = changes.applied(cell, Change(constraints=lines), {}) if lines else cell
-        again = any(each.cell.question == made.question for each in bench.trials)
-        return SHOWN[predicate.of(bench.measure(made, again=again)).answer]
+        lines = tuple(f"part{number}==1.0" for number in range(scenario.releases) if number not in chosen)
+        trial_cell = changes.apply(cell, Change(constraints=lines), {}) if lines else cell
+        again = any(each.cell.question == trial_cell.question for each in bench.trials)
+        return SHOWN[predicate.of(bench.measure(trial_cell, again=again)).answer]
 
-    found = search.minimise(range(one.releases), moved, rules=Rules(confidence=SURE))
-    asked = [(each.candidate, each.answer) for each in found.asked]
-    return _ended(one, set(found.items or ()) == set(one.culprits), asked, found.bound, clock())
+    minimal = search.minimise(range(scenario.releases), moved, rules=Rules(confidence=SURE))
+    answers = [(each.candidate, each.answer) for each in minimal.asked]
+    return _ended(scenario, set(minimal.items or ()) == set(scenario.culprits), answers, minimal.bound, clock())
 
 
 class Quiet:
@@ -260,21 +272,21 @@ def main() -> None:
     }
     for name in [name for name in os.environ if name.startswith(("UV_", "PIP_"))]:
         del os.environ[name]
-    kept, began = args.folder / "worlds.jsonl", monotonic()
-    known = [Ended(**json.loads(line)) for line in kept.read_text().splitlines()] if kept.exists() else []
+    path, began = args.folder / "worlds.jsonl", monotonic()
+    results = [SearchResult(**json.loads(line)) for line in path.read_text().splitlines()] if path.exists() else []
     for seed in range(args.worlds):
-        if seed in {one.seed for one in known} or monotonic() - began > args.minutes * 60 or process.stopped():
+        if seed in {one.seed for one in results} or monotonic() - began > args.minutes * 60 or process.stopped():
             continue
-        known.append(real(world(seed), args.folder))
-        with kept.open("a") as file:
-            file.write(json.dumps(asdict(known[-1])) + "\n")
-        print(known[-1], flush=True)
-    text = "\n".join(page(sorted(known, key=lambda one: one.seed)))
+        results.append(real(world(seed), args.folder))
+        with path.open("a") as file:
+            file.write(json.dumps(asdict(results[-1])) + "\n")
+        print(results[-1], flush=True)
+    text = "\n".join(page(sorted(results, key=lambda result: result.seed)))
     (HERE / "worlds.md").write_text(text + "\n", encoding="utf-8")
     print(text)
 
 
-def page(known: list[Ended]) -> Iterator[str]:
+def page(results: list[SearchResult]) -> Iterator[str]:
     """Yield the table of all worlds."""
     yield "# Worlds with planted culprits"
     yield ""
@@ -287,23 +299,24 @@ def page(known: list[Ended]) -> Iterator[str]:
     yield ""
     yield f"## By the search alone: all {COUNT} worlds"
     yield ""
-    yield from _table([imagined(world(seed)) for seed in range(COUNT)])
+    yield from _table([simulate_search(world(seed)) for seed in range(COUNT)])
     yield ""
     yield from _sureness()
     yield ""
-    yield f"## With environments: {f'all {COUNT}' if len(known) == COUNT else len(known)} worlds"
+    yield f"## With environments: {f'all {COUNT}' if len(results) == COUNT else len(results)} worlds"
     yield ""
     yield AGAIN
     yield ""
-    yield from _table(known)
+    yield from _table(results)
     yield ""
     yield "| world | culprits | releases or parts | flaky | found | asked | run | environments | bound | seconds |"
     yield "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
-    for one in known:
-        made = world(one.seed)
-        culprits = " and ".join(str(each + 1) for each in made.culprits)
-        cells = [one.seed, culprits, made.releases, *("yes" if each else "no" for each in (made.flaky, one.right)),
-                 one.asked, one.tested, one.environments, one.bound, one.seconds]  # fmt: skip
+    for result in results:
+        scenario = world(result.seed)
+        culprits = " and ".join(str(each + 1) for each in scenario.culprits)
+        flags = ("yes" if each else "no" for each in (scenario.flaky, result.right))
+        cells = [result.seed, culprits, scenario.releases, *flags,
+                 result.asked, result.tested, result.environments, result.bound, result.seconds]  # fmt: skip
         yield f"| {' | '.join(map(str, cells))} |"
 
 
@@ -319,14 +332,14 @@ def _sureness() -> Iterator[str]:
     yield "| --- | --- | --- | --- | --- |"
     for sure in (SURE, 0.999):
         for rate in (0.0, 0.05, FLAKY, 0.2):
-            ended = [imagined(one, rate, sure) for one in singles]
+            ended = [simulate_search(one, rate, sure) for one in singles]
             wrong = sum(not one.right for one in ended)
             runs, bound = sum(one.tested for one in ended), sum(one.bound for one in ended)
             within = sum(one.tested <= 1.5 * one.bound for one in ended)
             yield f"| {sure} | {100 * rate:.0f} | {wrong} | {runs / bound:.2f} | {within} |"
 
 
-def _table(ended: list[Ended]) -> Iterator[str]:
+def _table(ended: list[SearchResult]) -> Iterator[str]:
     yield "| worlds | number | found | runs / bound | within 1.5 x | environments / bound | within 1.5 x |"
     yield "| --- | --- | --- | --- | --- | --- | --- |"
     for pair in (False, True):
@@ -336,7 +349,7 @@ def _table(ended: list[Ended]) -> Iterator[str]:
                 yield _row(f"{'two culprits' if pair else 'one culprit'}{', flaky' if flaky else ''}", some)
 
 
-def _row(name: str, some: list[Ended]) -> str:
+def _row(name: str, some: list[SearchResult]) -> str:
     bound = sum(one.bound for one in some)
     cells = [name, len(some), sum(one.right for one in some)]
     for field in ("tested", "environments"):

@@ -23,7 +23,7 @@ import nox
 
 from harness.model import Cell, Plan, Verdict, cellid
 from harness.model.errors import BadInput, HarnessError
-from harness.model.report_types import CellEntry, number, word
+from harness.model.report_types import CellEntry, format_count, word
 from harness.reports import document, publishing
 from harness.running import open_matrix
 
@@ -56,21 +56,21 @@ class Offer:
 def cells(*matrices: str) -> None:
     """Make the sessions of these matrices and of those that HARNESS_MATRICES names; none of them runs by default."""
     named = (name.strip() for name in (*matrices, *os.environ.get(VARIABLE, "").split(",")))
-    offers = list(offered(filter(None, dict.fromkeys(named))))
+    offers = list(offer_sessions(filter(None, dict.fromkeys(named))))
     _register(cell, [offer for offer in offers if not offer.many], side_by_side=True)
     _register(matrix, [offer for offer in offers if offer.many], side_by_side=False)
 
 
-def offered(names: Iterable[str]) -> Iterator[Offer]:
+def offer_sessions(names: Iterable[str]) -> Iterator[Offer]:
     """Yield the sessions of matrices, without network. A matrix that cannot be planned is reported and fails if run."""
-    known: dict[str, Plan] = {}
+    plans: dict[str, Plan] = {}
     for name in names:
         try:
             plan = open_matrix.load(name, _say, offline=True)
-            if known.setdefault(plan.matrix, plan) != plan:
+            if plans.setdefault(plan.matrix, plan) != plan:
                 message = f"{name}: another matrix is called {plan.matrix} as well, and so are its cells; rename it"
                 raise BadInput(message)
-            if known[plan.matrix] is plan:
+            if plans[plan.matrix] is plan:
                 yield from sessions(name, plan.matrix, plan.cells)
         except HarnessError as error:
             _say(str(error))
@@ -81,7 +81,7 @@ def sessions(name: str, called: str, planned: Sequence[Cell]) -> Iterator[Offer]
     """Yield a session per cell, or one per Python if the cells are too many to list."""
     if len(planned) <= MOST:
         for each in planned:
-            for cell_id in (each.id, *filter(_typed, {cellid.older(each)} - {each.id})):
+            for cell_id in (each.id, *filter(_typed, {cellid.to_old_form(each)} - {each.id})):
                 yield Offer(id=cell_id, matrix=name, called=called, glob=each.id, python=each.axes["python"])
         return
     for python in dict.fromkeys(each.axes["python"] for each in planned):
@@ -140,12 +140,12 @@ def _run(session: nox.Session, reason: str, name: str, glob: str, *options: str)
     if reason:
         session.error(reason)
     command = (sys.executable, "-m", "harness", "run", name, "-k", glob, *options, *session.posargs, "--json")
-    with tempfile.TemporaryFile("w+", encoding="utf-8") as told:
+    with tempfile.TemporaryFile("w+", encoding="utf-8") as output:
         # its exit code is of all cells of the matrix that are known, its document tells of each
-        if session.run(*command, stdout=told, stderr=None, success_codes=(0, 1, 3)) is None:
+        if session.run(*command, stdout=output, stderr=None, success_codes=(0, 1, 3)) is None:
             return  # by `nox --install-only`
-        told.seek(0)
-        content = told.read()
+        output.seek(0)
+        content = output.read()
     if not content:
         session.error("inconclusive: no report was made; the reason stands above")
     report = document.read(content.encode(), "the report")
@@ -160,21 +160,21 @@ def _end(session: nox.Session, entries: Sequence[CellEntry], stale: Sequence[str
     ids = {entry.id for entry in entries}
     outdated = [sentence for sentence in stale if sentence.partition(" ")[0] in ids]
     if "unexpected" in fail_on and (wrong := [entry for entry in entries if entry.as_expected is False]):
-        session.error(f"not as expected: {_told(wrong)}")
+        session.error(f"not as expected: {_describe_outcome(wrong)}")
     if "stale" in fail_on and outdated:
         session.error(f"out of date: {outdated[0]}")
     if unsure := [entry for entry in entries if entry.verdict in {Verdict.INCONCLUSIVE, *fail_on}]:
-        session.error(_told(unsure))
+        session.error(_describe_outcome(unsure))
     if all(entry.verdict in {Verdict.UNAVAILABLE, Verdict.NOT_RUN} for entry in entries):
-        session.skip(_told(entries))
+        session.skip(_describe_outcome(entries))
     verdicts = Counter(word(entry.verdict) for entry in entries)
     session.log(", ".join(f"{count} {verdict}" for verdict, count in verdicts.items()))
 
 
-def _told(entries: Sequence[CellEntry]) -> str:
+def _describe_outcome(entries: Sequence[CellEntry]) -> str:
     """Return the outcome and the reason of the first cell, and the number of further cells."""
     first, *rest = entries
     where = f" in {first.phase}" if first.phase and first.verdict is not Verdict.UNAVAILABLE else ""
     why = f": {first.decisive.rstrip('.')}" if first.decisive else ""
-    more = f" ({first.id}; and {number(len(rest), 'cell')} more)" if rest else ""
+    more = f" ({first.id}; and {format_count(len(rest), 'cell')} more)" if rest else ""
     return f"{word(first.verdict)}{where}{why}{more}"

@@ -21,7 +21,7 @@ INCELL = Path(harness.__file__).parent / "incell"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Probed:
+class FinishedProbe:
     """The result of one probe; `returncode` is None when it was ended at the deadline."""
 
     reply: ProbeReply
@@ -35,14 +35,14 @@ class Probed:
     @property
     def findings(self) -> dict[str, list[str]]:
         """Texts by check."""
-        found: dict[str, list[str]] = {}
+        texts: dict[str, list[str]] = {}
         for finding in self.reply.findings:
-            found.setdefault(finding.check, []).append(finding.text)
-        return found
+            texts.setdefault(finding.check, []).append(finding.text)
+        return texts
 
 
 @pytest.fixture
-def probe(tmp_path: Path) -> Callable[..., Probed]:
+def probe(tmp_path: Path) -> Callable[..., FinishedProbe]:
     """Run checks of a case with an interpreter, without the supervisor; modules in `path` can be imported."""
 
     def run(
@@ -53,7 +53,7 @@ def probe(tmp_path: Path) -> Callable[..., Probed]:
         limit: float = 60,
         deadline: float = 60,
         variables: Mapping[str, str] = {},
-    ) -> Probed:
+    ) -> FinishedProbe:
         folder = tmp_path / "reply"
         folder.mkdir()
         request = wire.request(case, dict.fromkeys(case.checks, limit), folder)
@@ -77,7 +77,9 @@ def probe(tmp_path: Path) -> Callable[..., Probed]:
             output, _ = process.communicate()
         with (folder / "reply.jsonl").open("rb") as lines:
             reply = wire.read_reply(lines, {file.name: file.read_bytes() for file in folder.glob("worker-*")})
-        return Probed(reply=reply, returncode=returncode, output=output.decode("utf-8", "replace"), folder=folder)
+        return FinishedProbe(
+            reply=reply, returncode=returncode, output=output.decode("utf-8", "replace"), folder=folder
+        )
 
     return run
 

@@ -19,13 +19,13 @@ class NoIndex(Exception):
     """The index does not answer, or does not have them."""
 
 
-def downloaded(kept: Path, cache: Path) -> Iterable[Path]:
+def download_wheels(storage: Path, cache: Path) -> Iterable[Path]:
     """Return the wheels, from a folder where they are kept; `cache` is the resolver's."""
     host = interpreters.find("host")
     assert host
-    folder = kept / f"{'-'.join(REAL)}-{AS_OF[:10]}-{host.minor}"
+    folder = storage / f"{'-'.join(REAL)}-{AS_OF[:10]}-{host.minor}"
     if not folder.exists():
-        making = kept / "making"
+        making = storage / "making"
         before = os.environ.get("HARNESS_CACHE")
         os.environ["HARNESS_CACHE"] = str(cache)
         try:

@@ -28,16 +28,16 @@ def _compile(folder: Path) -> None:
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("unavailable: a C compiler")
-    asked = subprocess.run((compiler, f"-print-file-name={EGL}"), capture_output=True, text=True, check=True)
-    real = Path(asked.stdout.strip()).resolve()
+    process = subprocess.run((compiler, f"-print-file-name={EGL}"), capture_output=True, text=True, check=True)
+    real = Path(process.stdout.strip()).resolve()
     if not real.is_absolute() or not real.exists():
         pytest.skip("missing library: libegl1")
     shared = (compiler, "-shared", "-fPIC", "-O1", "-Wall", "-Werror")
     (folder / "empty.c").write_text("")
     named = folder / "real.so"  # what makes the stand-in lean on the real one by its path: both have the same name
     subprocess.run((*shared, f"-Wl,-soname,{real}", "-o", named, folder / "empty.c"), check=True)
-    made = ("-o", folder / EGL, f"-Wl,-soname,{EGL}", f'-DREAL="{real}"', SOURCES / "egl.c")
-    subprocess.run((*shared, *made, "-Wl,--no-as-needed", named, "-ldl"), check=True)
+    arguments = ("-o", folder / EGL, f"-Wl,-soname,{EGL}", f'-DREAL="{real}"', SOURCES / "egl.c")
+    subprocess.run((*shared, *arguments, "-Wl,--no-as-needed", named, "-ldl"), check=True)
     (folder / "libEGL.so").symlink_to(EGL)
     nvml = "libnvidia-ml.so.1"
     subprocess.run((*shared, f"-Wl,-soname,{nvml}", "-o", folder / nvml, SOURCES / "nvml.c"), check=True)

@@ -8,7 +8,7 @@ r"""Declared faults: each is done for real in a scratch desk, and what came is h
 Every module of this folder whose name begins with a letter is one of faults and is found by itself. A fault is a
 function under the decorator `fault`:
 
-    from benchmarks.faults import Came, Desk, fault
+    from benchmarks.faults import FaultResult, Desk, fault
 
     @fault(
         "36",                                       # the row: unique, any word
@@ -17,7 +17,7 @@ function under the decorator `fault`:
         promise="its cell is broken or inconclusive, its neighbour works",
         limit=120,                                  # seconds; past them the promise is broken
     )
-    def deep_reply(desk: Desk) -> Came:
+    def deep_reply(desk: Desk) -> FaultResult:
         matrix = desk.hostile(
             top="reply = [fd for fd in os.listdir('/proc/self/fd') if 'reply' in os.readlink('/proc/self/fd/' + fd)]",
             step="os.write(int(reply[0]), b'[' * 100_000 + b'\\n')",
@@ -42,7 +42,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 sys.path[:0] = [path for path in (str(ROOT / "tests"), str(ROOT / "tests" / "e2e" / "spine")) if path not in sys.path]
 
-from ._declaring import Came, Fault, Unavailable, declared, fault  # noqa: E402 - the desk lies among the tests
-from ._desk import Desk, Ran  # noqa: E402
+from ._declaring import Fault, FaultResult, Unavailable, fault, load_faults  # noqa: E402 - the desk lies among the tests
+from ._desk import CommandResult, Desk  # noqa: E402
 
-__all__ = ["ROOT", "Came", "Desk", "Fault", "Ran", "Unavailable", "declared", "fault"]
+__all__ = ["ROOT", "CommandResult", "Desk", "Fault", "FaultResult", "Unavailable", "fault", "load_faults"]

@@ -11,9 +11,9 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
-from . import ROOT, Came, Fault, _running, _shelf, _table, declared
+from . import ROOT, Fault, FaultResult, _running, _shelf, _table, load_faults
 
-KEPT = ROOT / ".harness" / "faults"
+RESULTS_FOLDER = ROOT / ".harness" / "faults"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -26,13 +26,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--keep", action="store_true", help="take results of older code, too")
     parser.add_argument("--write", action="store_true", help=f"write {_table.REPORT.relative_to(ROOT)}")
     parser.add_argument("--table", action="store_true", help="write the table from what is known, and run nothing")
-    parser.add_argument("--folder", type=Path, default=KEPT, help="where results and wheels are kept")
+    parser.add_argument("--folder", type=Path, default=RESULTS_FOLDER, help="where results and wheels are kept")
     parser.add_argument("--wheels", type=Path, help="a shelf with the fakes and gymnasium")
     parser.add_argument("--do", help=argparse.SUPPRESS)
     parser.add_argument("--into", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--at", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
-    faults = declared()
+    faults = load_faults()
     if options.do:
         (chosen,) = (fault for fault in faults if f"{fault.module}.{fault.name}" == options.do)
         _running.do(chosen, options.wheels, options.into, options.at)
@@ -43,10 +43,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0 if faults else 2
     rows = results(faults, options)
     if options.write or options.table:
-        whole = {row["fault"]: row for row in (*_table.committed(), *rows)}
-        known = {f"{fault.module}.{fault.name}": fault for fault in declared()}
-        current = sum(whole[name]["digest"] == _running.digest(known[name]) for name in known if name in whole)
-        _table.write([whole[name] for name in known if name in whole], current)
+        whole = {row["fault"]: row for row in (*_table.load_rows(), *rows)}
+        faults_by_name = {f"{fault.module}.{fault.name}": fault for fault in load_faults()}
+        current = sum(
+            whole[name]["digest"] == _running.digest(faults_by_name[name]) for name in faults_by_name if name in whole
+        )
+        _table.write([whole[name] for name in faults_by_name if name in whole], current)
     broken = [row for row in rows if not row["held"] and not row["documented"]]
     print(f"{len(rows)} faults, {len(broken)} broken", *(f"  {row['row']} {row['fault']}" for row in broken), sep="\n")
     return 1 if broken else 0
@@ -60,18 +62,18 @@ def fits(fault: Fault, globs: Sequence[str] | None) -> bool:
 
 def results(faults: Sequence[Fault], options: argparse.Namespace) -> list[dict[str, Any]]:
     """Return a row for each fault: a kept one, or what comes now."""
-    wheels = Path() if options.table else options.wheels or _shelf.filled(options.folder / "wheels")
+    wheels = Path() if options.table else options.wheels or _shelf.fill_shelf(options.folder / "wheels")
 
     def result(fault: Fault) -> dict[str, Any]:
-        kept = options.folder / f"{fault.module}.{fault.name}.json"
-        if not options.fresh and kept.exists():
-            row: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
+        path = options.folder / f"{fault.module}.{fault.name}.json"
+        if not options.fresh and path.exists():
+            row: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
             if options.keep or options.table or row["digest"] == _running.digest(fault):
                 return {**row, **_running.texts(fault)}
         if options.table:
-            return _running.row(fault, Came("not tried: it was not run yet", True), 0)
+            return _running.row(fault, FaultResult("not tried: it was not run yet", True), 0)
         row = _running.run(fault, wheels.resolve(), options.folder)
-        kept.write_text(json.dumps(row), encoding="utf-8")
+        path.write_text(json.dumps(row), encoding="utf-8")
         held = "documented" if fault.documented else "held" if row["held"] else "BROKEN"
         print(f"{held:10} {row['row']:6} {row['seconds']:6.1f} s  {row['fault']}: {row['came']}", file=sys.stderr)
         return row

@@ -30,7 +30,7 @@ class Unavailable(Exception):
     """This machine lacks what a fault needs."""
 
 
-class Came(NamedTuple):
+class FaultResult(NamedTuple):
     """The result of a fault in one sentence, and whether the promise held."""
 
     what: str
@@ -49,7 +49,7 @@ class Fault:
     documented: str
     module: str
     name: str
-    do: Callable[[Desk], Came]
+    do: Callable[[Desk], FaultResult]
 
 
 _declared: list[Fault] = []
@@ -57,13 +57,13 @@ _declared: list[Fault] = []
 
 def fault(
     row: str, *, section: str, done: str, promise: str, limit: float = 120, documented: str = ""
-) -> Callable[[Callable[[Desk], Came]], Callable[[Desk], Came]]:
+) -> Callable[[Callable[[Desk], FaultResult]], Callable[[Desk], FaultResult]]:
     """Declare a fault; the function does it and returns what came."""
     if section not in SECTIONS:
         msg = f"{section!r} is none of {', '.join(SECTIONS)}"
         raise ValueError(msg)
 
-    def declare(do: Callable[[Desk], Came]) -> Callable[[Desk], Came]:
+    def declare(do: Callable[[Desk], FaultResult]) -> Callable[[Desk], FaultResult]:
         module = do.__module__.rpartition(".")[2]
         texts = {"section": section, "done": done, "promise": promise, "documented": documented}
         _declared.append(Fault(row=row, limit=limit, module=module, name=do.__name__, do=do, **texts))
@@ -72,7 +72,7 @@ def fault(
     return declare
 
 
-def declared() -> list[Fault]:
+def load_faults() -> list[Fault]:
     """Return every fault of every module of this folder, in the order of the table."""
     for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
         if module.name[0] != "_":

@@ -14,9 +14,9 @@ from typing import Any
 
 import commandline
 import wheelhouse
-from commandline import Ran
+from commandline import CommandResult
 
-from ._declaring import Came, Unavailable
+from ._declaring import FaultResult, Unavailable
 
 NOBODY = 65534
 HOSTILE = """
@@ -72,7 +72,7 @@ class Desk(commandline.Desk):
     online: bool = True  # the network is closed around the whole fault
     prefix: tuple[str, ...] = ()
     variables: Mapping[str, str] = field(default_factory=dict)
-    ran: list[Ran] = field(default_factory=list)
+    ran: list[CommandResult] = field(default_factory=list)
 
     @property
     def shelf(self) -> Path:
@@ -88,11 +88,11 @@ class Desk(commandline.Desk):
         folder.mkdir(exist_ok=True)
         return folder
 
-    def run(self, *arguments: str | Path, module: str = "harness", **variables: str) -> Ran:
+    def run(self, *arguments: str | Path, module: str = "harness", **variables: str) -> CommandResult:
         """Run one command to its end; its traceback or its exit with 4 breaks the promise of the fault."""
         with self.started(*arguments, module=module, **variables) as process:
             out, err = process.communicate(timeout=commandline.LONGEST)
-        self.ran.append(Ran(code=process.returncode, out=out, err=err))
+        self.ran.append(CommandResult(code=process.returncode, out=out, err=err))
         return self.ran[-1]
 
     @contextmanager
@@ -183,25 +183,27 @@ class Desk(commandline.Desk):
         )
         return self.matrix(name, text)
 
-    def measure(self, matrix: Path | str, *arguments: str, **variables: str) -> Ran:
+    def measure(self, matrix: Path | str, *arguments: str, **variables: str) -> CommandResult:
         """Run a matrix and print its document."""
         return self.run("run", matrix, "--json", *arguments, **variables)
 
-    def judged(self, ran: Ran, *, code: set[int] | None = None, says: str = "", **promised: set[str]) -> Came:
+    def judged(
+        self, ran: CommandResult, *, code: set[int] | None = None, says: str = "", **promised: set[str]
+    ) -> FaultResult:
         """Hold the verdicts of a run of a hostile matrix (by `which`) against those that are promised.
 
         `says` is a text that the decisive line of a cell that does not work has to contain.
         """
         if not ran.out.startswith("{"):
-            return Came(f"exit {ran.code} without a document: {last_line(ran.err)}", False)
+            return FaultResult(f"exit {ran.code} without a document: {last_line(ran.err)}", False)
         cells = ran.cells("which")
-        told, held = [f"exit {ran.code}"], code is None or ran.code in code
+        parts, held = [f"exit {ran.code}"], code is None or ran.code in code
         for which, verdicts in promised.items():
             cell = cells.get(which, {"verdict": "missing", "decisive": None})
-            told.append(f"{which}: {cell['verdict']}" + (f" ({cell['decisive']})" if cell["decisive"] else ""))
+            parts.append(f"{which}: {cell['verdict']}" + (f" ({cell['decisive']})" if cell["decisive"] else ""))
             held = held and cell["verdict"] in verdicts
         line = " ".join(str(cell["decisive"] or "") for cell in cells.values())
-        return Came("; ".join(told), held and says in line)
+        return FaultResult("; ".join(parts), held and says in line)
 
 
 def open_interpreter(scratch: Path) -> None:

@@ -19,7 +19,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from ._declaring import Came, Fault, Unavailable
+from ._declaring import Fault, FaultResult, Unavailable
 from ._desk import Desk, last_line
 
 ROOT = Path(__file__).parents[2]
@@ -28,7 +28,7 @@ GRACE, UP = 5.0, 0x41
 
 
 @functools.cache
-def apart() -> tuple[str, ...]:
+def namespace_prefix() -> tuple[str, ...]:
     """Return the prefix of a command that gives it mounts, processes and network of its own; empty if not allowed."""
     try:
         allowed = subprocess.run((*APART, "true"), capture_output=True, check=False).returncode == 0
@@ -52,7 +52,7 @@ def run(fault: Fault, wheels: Path, folder: Path) -> dict[str, Any]:
     folder.mkdir(parents=True, exist_ok=True)
     out = folder / f"{fault.module}.{fault.name}.json"
     out.unlink(missing_ok=True)
-    command = (*apart(), sys.executable, "-m", "benchmarks.faults", "--do", f"{fault.module}.{fault.name}")
+    command = (*namespace_prefix(), sys.executable, "-m", "benchmarks.faults", "--do", f"{fault.module}.{fault.name}")
     start, place = time.monotonic(), tempfile.mkdtemp(prefix="fault-")
     command = (*command, "--wheels", str(wheels), "--into", str(out), "--at", place)
     process = subprocess.Popen(command, cwd=ROOT, process_group=0)
@@ -60,13 +60,13 @@ def run(fault: Fault, wheels: Path, folder: Path) -> dict[str, Any]:
         process.wait(fault.limit)
     except subprocess.TimeoutExpired:
         _end(process)
-        return row(fault, Came(f"no end within {fault.limit:.0f} s", False), time.monotonic() - start)
+        return row(fault, FaultResult(f"no end within {fault.limit:.0f} s", False), time.monotonic() - start)
     finally:
         clear(Path(place))
     try:
         return dict(json.loads(out.read_text(encoding="utf-8")))
     except (OSError, ValueError):
-        came = Came(f"the process that did it ended with {process.returncode}", False)
+        came = FaultResult(f"the process that did it ended with {process.returncode}", False)
         return row(fault, came, time.monotonic() - start)
 
 
@@ -84,7 +84,7 @@ def clear(place: Path) -> None:
 
 def do(fault: Fault, wheels: Path, into: Path, folder: Path) -> None:
     """Do a fault in this process and write its row."""
-    if apart() and os.getpid() == 1:
+    if namespace_prefix() and os.getpid() == 1:
         loopback()
     for number in (signal.SIGHUP, signal.SIGINT, signal.SIGQUIT, signal.SIGTERM):
         signal.signal(number, signal.SIG_DFL)  # whoever runs this in the background ignores some, and so would all
@@ -92,18 +92,18 @@ def do(fault: Fault, wheels: Path, into: Path, folder: Path) -> None:
     folder.chmod(0o755)
     (folder / "desk").mkdir()
     desk = Desk(folder=folder / "desk", cache=folder / "cache", wheels=wheels)
-    came = promised(desk, fault)
+    came = check_promises(desk, fault)
     into.write_text(json.dumps(row(fault, came, time.monotonic() - start)), encoding="utf-8")
 
 
-def promised(desk: Desk, fault: Fault) -> Came:
+def check_promises(desk: Desk, fault: Fault) -> FaultResult:
     """Do a fault and hold the promises that every one makes."""
     try:
         came = fault.do(desk)
     except Unavailable as missing:
-        return Came(f"not tried: needs {missing}", True)
+        return FaultResult(f"not tried: needs {missing}", True)
     except Exception as broke:  # a broken promise often breaks the fault's own looking
-        return Came(f"{type(broke).__name__}: {last_line(str(broke))} {_where(broke)}", False)
+        return FaultResult(f"{type(broke).__name__}: {last_line(str(broke))} {_where(broke)}", False)
     words = [came.what]
     bugs = [ran for ran in desk.ran if ran.code == 4 or "Traceback (most recent call last)" in ran.err]
     if bugs:
@@ -111,7 +111,7 @@ def promised(desk: Desk, fault: Fault) -> Came:
     left = _left() if os.getpid() == 1 else []
     if left:
         words.append(f"left behind: {', '.join(left[:5])}")
-    return Came("; ".join(words), came.held and not bugs and not left)
+    return FaultResult("; ".join(words), came.held and not bugs and not left)
 
 
 def _where(broke: Exception) -> str:
@@ -150,8 +150,8 @@ def _command(path: Path) -> str:
 
 def loopback() -> None:
     """Start the loopback of a new network namespace."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asked:
-        fcntl.ioctl(asked, 0x8914, struct.pack("16sh", b"lo", UP))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control_socket:
+        fcntl.ioctl(control_socket, 0x8914, struct.pack("16sh", b"lo", UP))
 
 
 def texts(fault: Fault) -> dict[str, str]:
@@ -160,7 +160,7 @@ def texts(fault: Fault) -> dict[str, str]:
     return {"fault": f"{fault.module}.{fault.name}", **words}
 
 
-def row(fault: Fault, came: Came, seconds: float) -> dict[str, Any]:
+def row(fault: Fault, came: FaultResult, seconds: float) -> dict[str, Any]:
     """Return the row of the table."""
     what, held = came
     return {

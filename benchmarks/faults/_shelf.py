@@ -11,9 +11,9 @@ import shelf
 import wheelhouse
 
 
-def filled(folder: Path) -> Path:
+def fill_shelf(folder: Path) -> Path:
     """Return a folder with all fakes as they are now and the real wheels that they need."""
-    real = shelf.downloaded(folder.with_name("real"), folder.with_name("downloads"))
+    real = shelf.download_wheels(folder.with_name("real"), folder.with_name("downloads"))
     making = Path(tempfile.mkdtemp(dir=folder.parent))
     wheelhouse.make(making)
     for wheel in real:

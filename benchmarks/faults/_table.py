@@ -22,14 +22,14 @@ COMMAND = "python -m benchmarks.faults --write"
 def write(rows: Sequence[Mapping[str, Any]], current: int, folder: Path = REPORT) -> None:
     """Write both files; `current` is how many rows were run with the code as it is now."""
     folder.mkdir(parents=True, exist_ok=True)
-    faults = [{**row, "came": anywhere(row["came"])} for row in rows]
+    faults = [{**row, "came": hide_paths(row["came"])} for row in rows]
     document = {"command": COMMAND, "machine": machine(), "current": current, "faults": faults}
     text = json.dumps(document, indent=1, ensure_ascii=False)
     (folder / "faults.json").write_text(text + "\n", encoding="utf-8")
     (folder / "report.md").write_text(rendered(document), encoding="utf-8")
 
 
-def committed() -> list[dict[str, Any]]:
+def load_rows() -> list[dict[str, Any]]:
     """Return the rows that are there."""
     file = REPORT / "faults.json"
     return list(json.loads(file.read_text(encoding="utf-8"))["faults"]) if file.exists() else []
@@ -46,7 +46,7 @@ def machine() -> dict[str, str]:
     }
 
 
-def anywhere(text: str) -> str:
+def hide_paths(text: str) -> str:
     """Return a text without folders of this machine."""
     text = re.sub(r"[\w./-]*/fault-\w{8}(?:/desk)?", "$DESK", text)
     return text.replace(str(ROOT), "$REPOSITORY").replace(str(Path.home()) + "/", "~/")

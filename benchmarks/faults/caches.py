@@ -6,7 +6,7 @@ import os
 import shutil
 from pathlib import Path
 
-from benchmarks.faults import Came, Desk, fault
+from benchmarks.faults import Desk, FaultResult, fault
 
 SECTION, DISKS = "hostile probes", "disks and damaged files"
 QUICK = ("import", "single")
@@ -44,8 +44,8 @@ def spoiled(path: Path, content: bytes) -> None:
 
 def source_of(desk: Desk, module: str = "fake_healthy.py", where: str = "environments/*/lib/*/site-packages") -> Path:
     """Return the file of a module in an environment, or in uv's cache."""
-    (found, *_) = sorted(desk.cache.glob(f"{where}/{module}"))
-    return found
+    (path, *_) = sorted(desk.cache.glob(f"{where}/{module}"))
+    return path
 
 
 @fault(
@@ -54,7 +54,7 @@ def source_of(desk: Desk, module: str = "fake_healthy.py", where: str = "environ
     done="a probe writes poisoned byte code of its neighbour's module wherever Python could look for it",
     promise="the neighbour works, now, with --fresh and with --verify",
 )
-def poisoned_byte_code(desk: Desk) -> Came:
+def poisoned_byte_code(desk: Desk) -> FaultResult:
     """Poison the byte code folder, the cache's own, and the place beside the module."""
     matrix = desk.hostile(
         checks=QUICK,
@@ -72,7 +72,7 @@ def poisoned_byte_code(desk: Desk) -> Came:
     first = desk.judged(desk.measure(matrix, "-j", "1"), **promised)
     for options in (["--fresh"], ["--fresh", "--verify"]):
         again = desk.judged(desk.measure(matrix, "-j", "1", *options), **promised)
-        first = Came(f"{first.what}; {' '.join(options)}: {again.what}", first.held and again.held)
+        first = FaultResult(f"{first.what}; {' '.join(options)}: {again.what}", first.held and again.held)
     return first
 
 
@@ -90,18 +90,18 @@ def warmed(desk: Desk) -> Path:
     done="the end of all byte code that is kept becomes garbage, its header stays",
     promise="the same verdicts, with and without --fresh and --verify",
 )
-def rotten_byte_code(desk: Desk) -> Came:
+def rotten_byte_code(desk: Desk) -> FaultResult:
     """Damage what Python loads by itself."""
     matrix = warmed(desk)
-    kept = [path for path in desk.cache.glob("pycache/**/*") if path.is_file()]
-    told, held = [f"{len(kept)} files of byte code"], bool(kept)
+    files = [path for path in desk.cache.glob("pycache/**/*") if path.is_file()]
+    parts, held = [f"{len(files)} files of byte code"], bool(files)
     for options in (["--fresh"], ["--fresh", "--verify"]):
-        for path in kept:
+        for path in files:
             content = path.read_bytes()
             path.write_bytes(content[: len(content) // 2] + b"\xff" * (len(content) // 2))
         came = desk.judged(desk.measure(matrix, *options), hx={"works"}, neighbour={"works"})
-        told, held = [*told, f"{' '.join(options)}: {came.what}"], held and came.held
-    return Came("; ".join(told), held)
+        parts, held = [*parts, f"{' '.join(options)}: {came.what}"], held and came.held
+    return FaultResult("; ".join(parts), held)
 
 
 @fault(
@@ -111,11 +111,11 @@ def rotten_byte_code(desk: Desk) -> Came:
     limit=400,
     promise="the same verdicts each time",
 )
-def odd_byte_code(desk: Desk) -> Came:
+def odd_byte_code(desk: Desk) -> FaultResult:
     """Put all kinds of things in the place of what is kept."""
     matrix = warmed(desk)
-    (kept,) = (folder for folder in desk.cache.glob("pycache/*") if (folder / "code").is_file())
-    content, told, held = (kept / "code").read_bytes(), [], True
+    (cache_folder,) = (folder for folder in desk.cache.glob("pycache/*") if (folder / "code").is_file())
+    content, parts, held = (cache_folder / "code").read_bytes(), [], True
     deeds = {
         "cut": lambda path: path.write_bytes(content[: len(content) // 3]),
         "empty": lambda path: path.write_bytes(b""),
@@ -126,17 +126,17 @@ def odd_byte_code(desk: Desk) -> Came:
     }
     for name, deed in deeds.items():
         for file in ("code", "names"):
-            place = kept / file
+            place = cache_folder / file
             shutil.rmtree(place) if place.is_dir() and not place.is_symlink() else place.unlink(missing_ok=True)
             deed(place)
         came = desk.judged(desk.measure(matrix, "--fresh"), hx={"works"}, neighbour={"works"})
-        told, held = [*told, f"{name}: {came.what}"], held and came.held
-    return Came("; ".join(told), held)
+        parts, held = [*parts, f"{name}: {came.what}"], held and came.held
+    return FaultResult("; ".join(parts), held)
 
 
-def told(*came: Came) -> Came:
+def join_results(*came: FaultResult) -> FaultResult:
     """Join what came of several steps."""
-    return Came("; ".join(one.what for one in came), all(one.held for one in came))
+    return FaultResult("; ".join(one.what for one in came), all(one.held for one in came))
 
 
 WORKS = {"hx": {"works"}, "neighbour": {"works"}}
@@ -149,7 +149,7 @@ WORKS = {"hx": {"works"}, "neighbour": {"works"}}
     promise="the package works: it is downloaded anew",
     limit=300,
 )
-def rotten_unpacked_cache(desk: Desk) -> Came:
+def rotten_unpacked_cache(desk: Desk) -> FaultResult:
     """Let the disk rot below what environments are made of."""
     matrix = desk.hostile(checks=QUICK)
     came = []
@@ -158,7 +158,7 @@ def rotten_unpacked_cache(desk: Desk) -> Came:
             rotten(source_of(desk, where="uv/archive-v0/*"))
         shutil.rmtree(desk.cache / "environments", ignore_errors=True)
         came.append(desk.judged(desk.measure(matrix, *options), **WORKS))
-    return told(*came)
+    return join_results(*came)
 
 
 @fault(
@@ -168,7 +168,7 @@ def rotten_unpacked_cache(desk: Desk) -> Came:
     promise="the package works: its environment is made anew within the run",
     limit=300,
 )
-def rotten_environment(desk: Desk) -> Came:
+def rotten_environment(desk: Desk) -> FaultResult:
     """Let the disk rot in an environment."""
     matrix = desk.hostile(checks=QUICK, shared=True)
     desk.measure(matrix)
@@ -183,13 +183,13 @@ def rotten_environment(desk: Desk) -> Came:
     promise="--verify makes the environment anew",
     limit=300,
 )
-def rotten_data(desk: Desk) -> Came:
+def rotten_data(desk: Desk) -> FaultResult:
     """Change what no import touches."""
     matrix = desk.hostile(checks=QUICK, shared=True, files={"hx_data.txt": "1234"})
     desk.measure(matrix)
     rotten(source_of(desk, "hx_data.txt"))
     came = desk.judged(desk.measure(matrix, "--fresh", "--verify"), **WORKS)
-    return Came(came.what, came.held and source_of(desk, "hx_data.txt").read_text() == "1234")
+    return FaultResult(came.what, came.held and source_of(desk, "hx_data.txt").read_text() == "1234")
 
 
 @fault(
@@ -199,7 +199,7 @@ def rotten_data(desk: Desk) -> Came:
     promise="the package works each time",
     limit=300,
 )
-def lost_configuration(desk: Desk) -> Came:
+def lost_configuration(desk: Desk) -> FaultResult:
     """Take away what makes an environment one."""
     matrix = desk.hostile(checks=QUICK, shared=True)
     came = [desk.judged(desk.measure(matrix), **WORKS)]
@@ -211,7 +211,7 @@ def lost_configuration(desk: Desk) -> Came:
         elif how == "garbage":
             config.write_bytes(b"\xff\x00" * 40)
         came.append(desk.judged(desk.measure(matrix, "--fresh"), **WORKS))
-    return told(*came)
+    return join_results(*came)
 
 
 @fault(
@@ -221,7 +221,7 @@ def lost_configuration(desk: Desk) -> Came:
     promise="the package works",
     limit=300,
 )
-def lost_python(desk: Desk) -> Came:
+def lost_python(desk: Desk) -> FaultResult:
     """Take away the Python of an environment."""
     matrix = desk.hostile(checks=QUICK, shared=True)
     desk.measure(matrix)
@@ -253,13 +253,13 @@ def through_the_cache(desk: Desk) -> Path:
     promise="the neighbour works, in new environments, too",
     limit=300,
 )
-def poisoned_cache(desk: Desk) -> Came:
+def poisoned_cache(desk: Desk) -> FaultResult:
     """Write through the hard links into the cache."""
     matrix = through_the_cache(desk)
     came = [desk.judged(desk.measure(matrix, "-j", "1"), **WORKS)]
     shutil.rmtree(desk.cache / "environments")
     came.append(desk.judged(desk.measure(matrix, "-j", "1", "--fresh"), neighbour={"works"}))
-    return told(*came)
+    return join_results(*came)
 
 
 @fault(
@@ -269,7 +269,7 @@ def poisoned_cache(desk: Desk) -> Came:
     promise="the neighbour works, in new environments, too",
     limit=300,
 )
-def poisoned_cache_by_nobody(desk: Desk) -> Came:
+def poisoned_cache_by_nobody(desk: Desk) -> FaultResult:
     """Write through the hard links as nobody."""
     return poisoned_cache(desk.as_nobody())
 
@@ -281,7 +281,7 @@ def poisoned_cache_by_nobody(desk: Desk) -> Came:
     promise="the neighbour works: what was poisoned is downloaded anew, with --verify and where something fails",
     limit=400,
 )
-def poisoned_cache_unsealed(desk: Desk) -> Came:
+def poisoned_cache_unsealed(desk: Desk) -> FaultResult:
     """Write into the cache where nothing keeps a probe from it."""
     open_desk = desk.with_variables(HARNESS_SANDBOX="subreaper")
     matrix = through_the_cache(open_desk)
@@ -289,7 +289,7 @@ def poisoned_cache_unsealed(desk: Desk) -> Came:
     shutil.rmtree(desk.cache / "environments")
     only = ("-j", "1", "-k", "*neighbour", "--fresh")
     came.append(open_desk.judged(open_desk.measure(matrix, *only), neighbour={"works"}))
-    return told(*came)
+    return join_results(*came)
 
 
 def reaching(desk: Desk, more: str = "") -> Path:
@@ -323,11 +323,11 @@ def pwned(*folders: Path) -> list[str]:
     promise="nothing of it is there afterwards",
     limit=200,
 )
-def writes_to_the_cache(desk: Desk) -> Came:
+def writes_to_the_cache(desk: Desk) -> FaultResult:
     """Write wherever the harness keeps something."""
     came = desk.judged(desk.measure(reaching(desk)), **WORKS)
     left = pwned(desk.cache, desk.state)
-    return Came(f"{came.what}; left behind: {', '.join(left) or 'nothing'}", came.held and not left)
+    return FaultResult(f"{came.what}; left behind: {', '.join(left) or 'nothing'}", came.held and not left)
 
 
 @fault(
@@ -337,7 +337,7 @@ def writes_to_the_cache(desk: Desk) -> Came:
     promise="nothing of it is there afterwards",
     limit=200,
 )
-def writes_to_the_cache_by_nobody(desk: Desk) -> Came:
+def writes_to_the_cache_by_nobody(desk: Desk) -> FaultResult:
     """Write wherever the harness keeps something, as nobody."""
     return writes_to_the_cache(desk.as_nobody())
 
@@ -349,7 +349,7 @@ def writes_to_the_cache_by_nobody(desk: Desk) -> Came:
     promise="a red neighbour stays red",
     limit=300,
 )
-def forged_results(desk: Desk) -> Came:
+def forged_results(desk: Desk) -> FaultResult:
     """Turn stored failures into passes."""
     matrix = desk.hostile(
         checks=QUICK,
@@ -368,7 +368,7 @@ def forged_results(desk: Desk) -> Came:
     )
     first = desk.judged(desk.measure(matrix, "-k", "*neighbour"), neighbour={"broken"})
     desk.measure(matrix, "-k", "*hx")
-    return told(first, desk.judged(desk.measure(matrix), neighbour={"broken"}))
+    return join_results(first, desk.judged(desk.measure(matrix), neighbour={"broken"}))
 
 
 @fault(
@@ -378,7 +378,7 @@ def forged_results(desk: Desk) -> Came:
     promise="the package works: it is downloaded anew",
     limit=300,
 )
-def lost_from_unpacked_cache(desk: Desk) -> Came:
+def lost_from_unpacked_cache(desk: Desk) -> FaultResult:
     """Let a file vanish below what environments are made of."""
     matrix = desk.hostile(checks=QUICK, shared=True)
     desk.measure(matrix)

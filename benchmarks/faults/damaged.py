@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.faults import Came, Desk, fault
+from benchmarks.faults import Desk, FaultResult, fault
 
 DISKS = "disks and damaged files"
 QUICK = ("import", "single")
@@ -125,22 +125,22 @@ HEALS: dict[str, tuple[str, Find, tuple[Callable[[Path], None], ...], str]] = {
 def declare(row: str, what: str, find: Find, deeds: tuple[Callable[[Path], None], ...], option: str) -> None:
     """Declare the faults of one kind of file: each deed is done, and the run that follows heals it."""
 
-    def do(desk: Desk) -> Came:
+    def do(desk: Desk) -> FaultResult:
         matrix = desk.hostile(checks=QUICK)
         matrix.write_text(matrix.read_text().replace('"host"', f'"{PYTHON}"'))
         first = desk.judged(desk.measure(matrix), **WORKS)
-        told, held = [f"first {first.what}"], first.held
+        parts, held = [f"first {first.what}"], first.held
         for deed in deeds:
-            found = [path for path in find(desk) if path.is_file() and not path.is_symlink()]
-            for path in found:
+            paths = [path for path in find(desk) if path.is_file() and not path.is_symlink()]
+            for path in paths:
                 deed(path)
             ran = desk.measure(matrix, *option.split())
             came = desk.judged(ran, code={0}, **WORKS)
-            told.append(f"{deed.__name__} ({len(found)}): {'works' if came.held else came.what}")
-            held = held and came.held and bool(found)
+            parts.append(f"{deed.__name__} ({len(paths)}): {'works' if came.held else came.what}")
+            held = held and came.held and bool(paths)
             if not held:
                 break
-        return Came("; ".join(told), held)
+        return FaultResult("; ".join(parts), held)
 
     do.__name__ = f"damaged_{row}"
     fault(
@@ -198,20 +198,20 @@ def built(desk: Desk, deed: str = "pass") -> Path:
     return matrix
 
 
-def rebuilt(desk: Desk, pattern: str, deeds: tuple[Callable[[Path], None], ...]) -> Came:
+def rebuilt(desk: Desk, pattern: str, deeds: tuple[Callable[[Path], None], ...]) -> FaultResult:
     """Damage what is kept of a build, take the environments away, and run again."""
     matrix = built(desk)
     first = desk.judged(desk.measure(matrix), **WORKS)
-    told, held = [f"first {first.what}"], first.held
+    parts, held = [f"first {first.what}"], first.held
     for deed in deeds:
-        found = sorted(desk.cache.glob(pattern))
-        for path in found:
+        paths = sorted(desk.cache.glob(pattern))
+        for path in paths:
             deed(path)
         shutil.rmtree(desk.cache / "environments")
         came = desk.judged(desk.measure(matrix, "--fresh"), code={0}, **WORKS)
-        told.append(f"{deed.__name__} ({len(found)}): {'works' if came.held else came.what}")
-        held = held and came.held and bool(found)
-    return Came("; ".join(told), held)
+        parts.append(f"{deed.__name__} ({len(paths)}): {'works' if came.held else came.what}")
+        held = held and came.held and bool(paths)
+    return FaultResult("; ".join(parts), held)
 
 
 def flip(path: Path) -> None:
@@ -228,7 +228,7 @@ def flip(path: Path) -> None:
     promise="it is built again, all cells work",
     limit=400,
 )
-def damaged_wheel(desk: Desk) -> Came:
+def damaged_wheel(desk: Desk) -> FaultResult:
     """Damage the store of wheels."""
     return rebuilt(desk, "wheels/*/*.whl", (half, garbage, empty, fifo, zero, flip))
 
@@ -240,7 +240,7 @@ def damaged_wheel(desk: Desk) -> Came:
     promise="it is built again, all cells work",
     limit=400,
 )
-def damaged_request(desk: Desk) -> Came:
+def damaged_request(desk: Desk) -> FaultResult:
     """Damage what leads to the store of wheels."""
 
     def long(path: Path) -> None:
@@ -258,7 +258,7 @@ def damaged_request(desk: Desk) -> Came:
     done="a build leaves 3,000 nested folders and an unreadable one",
     promise="the wheel is built and the folders are gone",
 )
-def deep_build(desk: Desk) -> Came:
+def deep_build(desk: Desk) -> FaultResult:
     """Nest folders in the scratch folder of a build."""
     deed = """
 here = os.getcwd()
@@ -273,7 +273,7 @@ os.chdir(here)
     came = desk.judged(desk.measure(built(desk, deed)), **WORKS)
     place = desk.cache / "tmp"
     left = sorted(path.name for path in place.iterdir()) if place.exists() else []
-    return Came(f"{came.what}; left: {left}", came.held and not left)
+    return FaultResult(f"{came.what}; left: {left}", came.held and not left)
 
 
 @fault(
@@ -282,7 +282,7 @@ os.chdir(here)
     done="METADATA of a wheel is Latin-1, not UTF-8",
     promise="its cell and the neighbour are measured, no run is lost",
 )
-def latin_metadata(desk: Desk) -> Came:
+def latin_metadata(desk: Desk) -> FaultResult:
     """Make a wheel as setuptools of 2012 did."""
     import zipfile  # noqa: PLC0415 - one function of many
 
@@ -307,17 +307,17 @@ def latin_metadata(desk: Desk) -> Came:
     done="report.json of another machine is `[[[[`, garbage, of another shape, a FIFO: report and merge read it",
     promise="exit 2 with a sentence that names the file",
 )
-def hostile_report(desk: Desk) -> Came:
+def hostile_report(desk: Desk) -> FaultResult:
     """Read reports that were damaged on their way."""
     desk.measure(desk.hostile(checks=("import",)))
     report = desk.state / "reports" / "m" / "report.json"
-    whole, told, held = report.read_bytes(), [], True
+    whole, parts, held = report.read_bytes(), [], True
     for deed in (deep, garbage, other, half, empty, folder):
         deed(report)
         for verb in (("report", str(report)), ("merge", str(report.parent), "--out", str(desk.folder / "out"))):
             ran = desk.run(*verb)
-            told.append(f"{deed.__name__}, {verb[0]}: {ran.code}")
+            parts.append(f"{deed.__name__}, {verb[0]}: {ran.code}")
             held = held and ran.code == 2 and "report.json" in ran.err
         shutil.rmtree(report) if report.is_dir() else report.unlink()
         report.write_bytes(whole)
-    return Came("; ".join(told), held)
+    return FaultResult("; ".join(parts), held)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from benchmarks.faults import Came, Desk, Unavailable, fault
+from benchmarks.faults import Desk, FaultResult, Unavailable, fault
 
 PLACES = """
 import atexit
@@ -23,7 +23,9 @@ MB = 1 << 20
 """What a cell of a hostile package may come to: that it says what it did wrong is not promised, only that it ends."""
 
 
-def probe(desk: Desk, deed: str, hx: set[str] = ANY, *, top: str = "", checks: tuple[str, ...] = ("single",)) -> Came:
+def probe(
+    desk: Desk, deed: str, hx: set[str] = ANY, *, top: str = "", checks: tuple[str, ...] = ("single",)
+) -> FaultResult:
     """Let one probe do a deed in its first step, with a healthy neighbour."""
     matrix = desk.hostile(checks=checks, top=PLACES + top, step=first_step(deed))
     return desk.judged(desk.measure(matrix), hx=hx, neighbour=FINE)
@@ -34,7 +36,7 @@ def first_step(deed: str) -> str:
     return "if once():\n" + "\n".join(f"    {line}" for line in deed.strip().splitlines())
 
 
-def spoilt(desk: Desk, content: str) -> Came:
+def spoilt(desk: Desk, content: str) -> FaultResult:
     """Let a probe put other bytes in the place of its frames; `content` is Python."""
     deed = f"""
 def spoil():
@@ -48,9 +50,11 @@ atexit.register(spoil)
     matrix = desk.hostile(checks=("single", "render"), top=PLACES + deed)
     ran = desk.measure(matrix)
     came = desk.judged(ran, hx=FINE, neighbour=FINE)
-    kept = [frame for case in ran.cells("which")["hx"]["cases"] for frame in case["frames"]] if came.held else []
+    frames = [frame for case in ran.cells("which")["hx"]["cases"] for frame in case["frames"]] if came.held else []
     neighbours = [frame for case in ran.cells("which")["neighbour"]["cases"] for frame in case["frames"]]
-    return Came(f"{came.what}; frames kept: {len(kept)}, of the neighbour {len(neighbours)}", came.held and not kept)
+    return FaultResult(
+        f"{came.what}; frames kept: {len(frames)}, of the neighbour {len(neighbours)}", came.held and not frames
+    )
 
 
 def npy(header: str, rest: str = "bytes(100)") -> str:
@@ -90,7 +94,7 @@ LINES = {
 def line_fault(row: str, what: str, line: str) -> None:
     """Declare the fault of one line."""
 
-    def do(desk: Desk) -> Came:
+    def do(desk: Desk) -> FaultResult:
         deed = f"fd = os.open(reply + '/reply.jsonl', os.O_WRONLY | os.O_APPEND)\nos.write(fd, {line} + b'\\n')"
         return probe(desk, deed)
 
@@ -122,7 +126,7 @@ SWAPS = {
 def swap_fault(row: str, what: str, deed: str, name: str) -> None:
     """Declare the fault of one file that becomes something else."""
 
-    def do(desk: Desk) -> Came:
+    def do(desk: Desk) -> FaultResult:
         lines = f"path = os.path.join(reply, {name!r})\nif os.path.lexists(path):\n    os.unlink(path)\n{deed}"
         return probe(desk, lines)
 
@@ -155,7 +159,7 @@ for row, swapped, name in (
     done="a probe links texts of its reply folder to the caller's .netrc",
     promise="nothing of it is in the evidence or the report",
 )
-def link_out(desk: Desk) -> Came:
+def link_out(desk: Desk) -> FaultResult:
     """Leave links with the names of evidence."""
     secret = desk.folder / ".netrc"
     secret.write_text("machine example.org login me password CANARY-41", encoding="utf-8")
@@ -175,7 +179,7 @@ def link_out(desk: Desk) -> Came:
     done="a probe puts a link to the caller's folder in the place of its reply folder, and of the one above",
     promise="nothing of that folder is in the evidence or the report",
 )
-def link_folder(desk: Desk) -> Came:
+def link_folder(desk: Desk) -> FaultResult:
     """Swap whole folders."""
     home = desk.folder / "secrets"
     (home / "reply").mkdir(parents=True)
@@ -193,13 +197,13 @@ except OSError:
 """
     came = without_canary(desk, probe(desk, deed), b"CANARY-41b")
     there = sorted(path.name for path in home.rglob("*"))
-    return Came(f"{came.what}; the caller's folder has {len(there)} entries", came.held and len(there) == 11)
+    return FaultResult(f"{came.what}; the caller's folder has {len(there)} entries", came.held and len(there) == 11)
 
 
-def without_canary(desk: Desk, came: Came, canary: bytes) -> Came:
+def without_canary(desk: Desk, came: FaultResult, canary: bytes) -> FaultResult:
     """Look for a secret in all that is kept."""
-    found = [name for name in evidence(desk) if canary in (desk.state / name).read_bytes()[: 64 * MB]]
-    return Came(f"{came.what}; found in {found or 'no file'}", came.held and not found)
+    leaks = [name for name in evidence(desk) if canary in (desk.state / name).read_bytes()[: 64 * MB]]
+    return FaultResult(f"{came.what}; found in {leaks or 'no file'}", came.held and not leaks)
 
 
 @fault(
@@ -208,7 +212,7 @@ def without_canary(desk: Desk, came: Came, canary: bytes) -> Came:
     done="a probe leaves 3,000 files `n*.txt` and 3,000 files of workers, of 20 KB each",
     promise="a bounded number and size of them is kept",
 )
-def many_files(desk: Desk) -> Came:
+def many_files(desk: Desk) -> FaultResult:
     """Leave thousands of texts."""
     deed = """
 for number in range(3000):
@@ -216,10 +220,10 @@ for number in range(3000):
     open(os.path.join(reply, 'worker-%d.txt' % number), 'w').write('x' * 20_000)
 """
     came = probe(desk, deed)
-    kept = evidence(desk)
-    size = sum(kept.values())
-    return Came(
-        f"{came.what}; {len(kept)} files, {size // MB} MB kept", came.held and len(kept) < 400 and size < 64 * MB
+    sizes = evidence(desk)
+    size = sum(sizes.values())
+    return FaultResult(
+        f"{came.what}; {len(sizes)} files, {size // MB} MB kept", came.held and len(sizes) < 400 and size < 64 * MB
     )
 
 
@@ -229,12 +233,12 @@ for number in range(3000):
     done="a probe leaves 60 texts of workers of 4 MB each",
     promise="a bounded size of them is kept",
 )
-def large_files(desk: Desk) -> Came:
+def large_files(desk: Desk) -> FaultResult:
     """Leave texts that are large together."""
     deed = "for number in range(60): open(os.path.join(reply, 'worker-%d.txt' % number), 'w').write('x' * (4 << 20))"
     came = probe(desk, deed)
     size = sum(evidence(desk).values())
-    return Came(f"{came.what}; {size // MB} MB kept", came.held and size < 64 * MB)
+    return FaultResult(f"{came.what}; {size // MB} MB kept", came.held and size < 64 * MB)
 
 
 @fault(
@@ -243,13 +247,13 @@ def large_files(desk: Desk) -> Came:
     done="a probe leaves files whose names hold ESC, a newline, HTML, bytes that are no text",
     promise="nothing is kept under such a name",
 )
-def odd_names(desk: Desk) -> Came:
+def odd_names(desk: Desk) -> FaultResult:
     """Leave odd names."""
     names = [b"\x1b[31mred.txt", b"a\nb.txt", b"<script>.txt", b"\xff\xfe.txt", b"a b.jsonl", b"%s.txt", b"-rf.txt"]
     deed = f"for name in {names!r}:\n    open(os.path.join(os.fsencode(reply), name), 'w').write('x')"
     came = probe(desk, deed)
     odd = [name for name in evidence(desk) if set(name) & set("\x1b\n<>% ") or "/-" in name or not name.isascii()]
-    return Came(f"{came.what}; odd names kept: {len(odd)}", came.held and not odd)
+    return FaultResult(f"{came.what}; odd names kept: {len(odd)}", came.held and not odd)
 
 
 # --- frames ------------------------------------------------------------------------------------------------------
@@ -286,7 +290,7 @@ FRAMES = {
 def frame_fault(row: str, what: str, content: str) -> None:
     """Declare the fault of one frame."""
 
-    def do(desk: Desk) -> Came:
+    def do(desk: Desk) -> FaultResult:
         return spoilt(desk, content)
 
     do.__name__ = f"frame_{row}"
@@ -308,11 +312,11 @@ for row, (what, content) in FRAMES.items():
     done="a probe puts a frame of 1 x 20,000,000 pixels in the place of its own",
     promise="it is drawn or refused, its cell and the neighbour work",
 )
-def thin_frame(desk: Desk) -> Came:
+def thin_frame(desk: Desk) -> FaultResult:
     """Draw an extreme shape."""
     content = "    import numpy; numpy.save(path, numpy.zeros((1, 20_000_000, 3), 'uint8'))"
     came = spoilt(desk, content)
-    return Came(came.what, "hx: works" in came.what and "neighbour: works" in came.what)
+    return FaultResult(came.what, "hx: works" in came.what and "neighbour: works" in came.what)
 
 
 # --- folders -----------------------------------------------------------------------------------------------------
@@ -337,11 +341,11 @@ os.chdir(cwd)
     done="a probe leaves 3,000 nested folders in TMPDIR",
     promise="they are removed, its cell and the neighbour work",
 )
-def deep_scratch(desk: Desk) -> Came:
+def deep_scratch(desk: Desk) -> FaultResult:
     """Nest folders where the harness removes them."""
     came = probe(desk, deep("os.environ['TMPDIR']", 3000), FINE)
     left = sorted(path.name for path in desk.scratch.iterdir())
-    return Came(f"{came.what}; left in TMPDIR: {left}", came.held and not left)
+    return FaultResult(f"{came.what}; left in TMPDIR: {left}", came.held and not left)
 
 
 @fault(
@@ -350,11 +354,11 @@ def deep_scratch(desk: Desk) -> Came:
     done="a probe leaves 1,500 nested folders in its environment",
     promise="they are gone, its cell and the neighbour end",
 )
-def deep_environment(desk: Desk) -> Came:
+def deep_environment(desk: Desk) -> FaultResult:
     """Nest folders where the harness looks for what was written."""
     came = probe(desk, deep("os.path.dirname(os.path.abspath(__file__))", 1500))
     left = sorted(path.name for path in desk.scratch.iterdir())
-    return Came(f"{came.what}; left in TMPDIR: {left}", came.held and not left)
+    return FaultResult(f"{came.what}; left in TMPDIR: {left}", came.held and not left)
 
 
 @fault(
@@ -363,7 +367,7 @@ def deep_environment(desk: Desk) -> Came:
     done="a probe leaves 1,500 nested folders in a copy of its environment (no overlay)",
     promise="they are gone, its cell and the neighbour end",
 )
-def deep_copy(desk: Desk) -> Came:
+def deep_copy(desk: Desk) -> FaultResult:
     """Nest folders in a copy."""
     return deep_environment(desk.with_variables(HARNESS_SANDBOX="subreaper"))
 
@@ -374,7 +378,7 @@ def deep_copy(desk: Desk) -> Came:
     done="a probe running as root makes a file of its TMPDIR immutable (chattr +i)",
     promise="the cell ends as ever, and a line says which folder stays",
 )
-def immutable(desk: Desk) -> Came:
+def immutable(desk: Desk) -> FaultResult:
     """Leave what cannot be removed."""
     if os.geteuid() != 0:
         msg = "root, who alone may make a file immutable"
@@ -392,8 +396,8 @@ except OSError as error:
     ran = desk.measure(matrix)
     came = desk.judged(ran, hx=FINE, neighbour=FINE)
     left = [path.name for path in desk.scratch.iterdir()]
-    said = "cannot be removed" in ran.err
-    return Came(f"{came.what}; left: {len(left)}, said: {said}", came.held and (said or not left))
+    is_reported = "cannot be removed" in ran.err
+    return FaultResult(f"{came.what}; left: {len(left)}, said: {is_reported}", came.held and (is_reported or not left))
 
 
 @fault(
@@ -402,7 +406,7 @@ except OSError as error:
     done="a probe leaves folders without any permission, FIFOs and sockets in TMPDIR (as nobody)",
     promise="they are gone, its cell and the neighbour work",
 )
-def locked_folders(desk: Desk) -> Came:
+def locked_folders(desk: Desk) -> FaultResult:
     """Leave folders that nobody may enter."""
     deed = """
 os.chdir(os.environ['TMPDIR'])
@@ -416,7 +420,7 @@ os.chmod('a', 0)
     desk = desk.as_nobody()
     came = probe(desk, deed, FINE)
     left = [path.name for path in desk.scratch.iterdir()]
-    return Came(f"{came.what}; left: {left}", came.held and not left)
+    return FaultResult(f"{came.what}; left: {left}", came.held and not left)
 
 
 @fault(
@@ -426,7 +430,7 @@ os.chmod('a', 0)
     promise="cells in flight are inconclusive at worst, the run ends, the next one measures all",
     limit=180,
 )
-def scratch_removed(desk: Desk) -> Came:
+def scratch_removed(desk: Desk) -> FaultResult:
     """Let the probe itself take TMPDIR away, for the whole run."""
     above = str(desk.scratch)
     mark = str(desk.folder / "gone")
@@ -440,4 +444,4 @@ if not os.path.exists({mark!r}):
     first = desk.measure(matrix, "-j", "1")
     came = desk.judged(first, hx={"works", "inconclusive"}, neighbour={"works", "inconclusive"})
     again = desk.judged(desk.measure(matrix), hx=FINE, neighbour=FINE)
-    return Came(f"{came.what}; again: {again.what}", came.held and again.held)
+    return FaultResult(f"{came.what}; again: {again.what}", came.held and again.held)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 
-from benchmarks.faults import Came, Desk, fault
+from benchmarks.faults import Desk, FaultResult, fault
 
 SECTION = "hostile probes"
 FORGED, FILES, NETWORK = (
@@ -28,7 +28,7 @@ BY_PATH = 'os.path.join(os.path.dirname(open("/proc/self/cmdline").read().split(
 FAILS = "raise RuntimeError('step never works')"
 
 
-def lied(desk: Desk, top: str, step: str) -> Came:
+def lied(desk: Desk, top: str, step: str) -> FaultResult:
     """Measure a package that never steps and says that it does; its neighbour stays what it is."""
     ran = desk.measure(desk.hostile(checks=("single",), top=top, step=step))
     return desk.judged(ran, hx={"works", "broken", "inconclusive", "partial"}, neighbour={"works"})
@@ -36,7 +36,7 @@ def lied(desk: Desk, top: str, step: str) -> Came:
 
 @fault("31", section=SECTION, done="records forged through /proc/self/fd, then os._exit(0)", documented=FORGED,
        promise="its own cell alone is a lie, its neighbour's is not")  # fmt: skip
-def forged_by_descriptor(desk: Desk) -> Came:
+def forged_by_descriptor(desk: Desk) -> FaultResult:
     """Write into one's own reply by its descriptor."""
     step = f"with open({OWN}, 'ab') as file: file.write(forged())\nos._exit(0)"
     return lied(desk, RECORDS.format(path=OWN), step)
@@ -44,7 +44,7 @@ def forged_by_descriptor(desk: Desk) -> Came:
 
 @fault("32", section=SECTION, done="records forged through the path in /proc/self/cmdline", documented=FORGED,
        promise="its own cell alone is a lie, its neighbour's is not")  # fmt: skip
-def forged_by_path(desk: Desk) -> Came:
+def forged_by_path(desk: Desk) -> FaultResult:
     """Write into one's own reply by its path."""
     step = f"with open({BY_PATH}, 'ab') as file: file.write(forged())\nos._exit(0)"
     return lied(desk, RECORDS.format(path=BY_PATH), step)
@@ -52,7 +52,7 @@ def forged_by_path(desk: Desk) -> Came:
 
 @fault("32c", section=SECTION, done="records forged by a child with the number of its parent", documented=FORGED,
        promise="its own cell alone is a lie, its neighbour's is not")  # fmt: skip
-def forged_by_child(desk: Desk) -> Came:
+def forged_by_child(desk: Desk) -> FaultResult:
     """Write into the parent's reply from a child."""
     step = f"""
 if os.fork() == 0:
@@ -66,7 +66,7 @@ os._exit(0)
 
 @fault("33", section=SECTION, done="the checks in sys.modules are replaced by some that pass", documented=FORGED,
        promise="its own cell alone is a lie, its neighbour's is not")  # fmt: skip
-def replaced_checks(desk: Desk) -> Came:
+def replaced_checks(desk: Desk) -> FaultResult:
     """Replace the checks of the cell."""
     top = """
 for name, module in list(sys.modules.items()):
@@ -78,7 +78,7 @@ for name, module in list(sys.modules.items()):
 
 @fault("34", section=SECTION, done="os.write and json.dumps are replaced by liars", documented=FORGED,
        promise="its own cell alone is a lie, its neighbour's is not")  # fmt: skip
-def replaced_functions(desk: Desk) -> Came:
+def replaced_functions(desk: Desk) -> FaultResult:
     """Replace what writes the reply."""
     top = """
 dumps, write = json.dumps, os.write
@@ -90,7 +90,7 @@ os.write = lambda fd, data: write(fd, data.replace(b'"failed"', b'"passed"'))
 
 @fault("73", section=SECTION, done="a probe reads a file of the user, outside our folders", documented=FILES,
        promise="it can; HOME points elsewhere, the file stays where it is")  # fmt: skip
-def reads_files(desk: Desk) -> Came:
+def reads_files(desk: Desk) -> FaultResult:
     """Read a file of the user."""
     secret = desk.folder / "netrc"
     secret.write_text("machine example.invalid password none")
@@ -101,7 +101,7 @@ def reads_files(desk: Desk) -> Came:
 
 @fault("74", section=SECTION, done="a probe connects to a server on the loopback", documented=NETWORK,
        promise="it can: simulators download their assets")  # fmt: skip
-def connects(desk: Desk) -> Came:
+def connects(desk: Desk) -> FaultResult:
     """Connect to a server of the user."""
     with socket.create_server(("127.0.0.1", 0)) as server:
         step = f"import socket; socket.create_connection(('127.0.0.1', {server.getsockname()[1]}), 5).close(); step = 0"

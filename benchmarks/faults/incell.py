@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from benchmarks.faults import Came, Desk, fault
+from benchmarks.faults import Desk, FaultResult, fault
 
 SECTION = "hostile probes"
 QUICK = ("import", "single")
@@ -27,7 +27,7 @@ def declare() -> None:
     """Declare a fault for each of them."""
     for row, (done, deed) in HEALTHY.items():
 
-        def replacing(desk: Desk, deed: str = deed) -> Came:
+        def replacing(desk: Desk, deed: str = deed) -> FaultResult:
             """Replace something of the standard library."""
             matrix = desk.hostile(top=deed, checks=QUICK)
             return desk.judged(desk.measure(matrix, "-k", "*hx"), hx={"works"})
@@ -48,16 +48,16 @@ OURS = "ours = {name.rpartition('.')[2]: module for name, module in sys.modules.
     promise="a finding says so: the same process cannot be kept from it",
     limit=200,
 )
-def replaced_check(desk: Desk) -> Came:
+def replaced_check(desk: Desk) -> FaultResult:
     """Put a function in the place of ours, without hiding it."""
     deed = OURS + "ours['cell_run'].Probe._function = lambda self, check: lambda *_: None"
     matrix = desk.hostile(top=deed, checks=QUICK)
     ran = desk.measure(matrix, "-k", "*hx")
     came = desk.judged(ran, hx={"works", "broken", "inconclusive", "partial"})
-    found = [
+    findings = [
         text["text"] for cell in ran.document["cells"] for text in cell["findings"] if ".replaced" in text["check"]
     ]
-    return Came(f"{came.what}; {'; '.join(found) or 'no finding'}", came.held and bool(found))
+    return FaultResult(f"{came.what}; {'; '.join(findings) or 'no finding'}", came.held and bool(findings))
 
 
 @fault(
@@ -67,7 +67,7 @@ def replaced_check(desk: Desk) -> Came:
     promise="broken: what is written goes past them",
     limit=200,
 )
-def replaced_writers(desk: Desk) -> Came:
+def replaced_writers(desk: Desk) -> FaultResult:
     """Turn what is written."""
     top = """
         wrote, dumped = os.write, json.dumps
@@ -85,7 +85,7 @@ def replaced_writers(desk: Desk) -> Came:
     promise="works or inconclusive, never red",
     limit=200,
 )
-def dropped_modules(desk: Desk) -> Came:
+def dropped_modules(desk: Desk) -> FaultResult:
     """Drop what is loaded of ours."""
     top = "for name in [name for name in sys.modules if name.startswith('_simmatrix')]: del sys.modules[name]"
     return desk.judged(desk.measure(desk.hostile(top=top, checks=QUICK), "-k", "*hx"), hx={"works", "inconclusive"})

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
 
-from benchmarks.faults import Came, Desk, fault
+from benchmarks.faults import Desk, FaultResult, fault
 
 SECTION = "whose fault"
 MATRIX = """
@@ -56,8 +56,8 @@ class Index:
 
     def hash(self, file: str) -> str:
         """Return the hash of a file as its page tells it."""
-        told = self.hashes.get(file, hashlib.sha256(self.files[file]).hexdigest())
-        return f"#sha256={told}" if told else ""
+        digest = self.hashes.get(file, hashlib.sha256(self.files[file]).hexdigest())
+        return f"#sha256={digest}" if digest else ""
 
 
 def send(
@@ -75,7 +75,7 @@ def send(
 
 
 @contextmanager
-def opened(desk: Desk) -> Iterator[tuple[Index, str]]:
+def serve_index(desk: Desk) -> Iterator[tuple[Index, str]]:
     """Serve an index that has `odd`, which requires `dep`; its matrix."""
     index = Index()
     for wheel in (
@@ -103,15 +103,17 @@ def opened(desk: Desk) -> Iterator[tuple[Index, str]]:
         server.server_close()
 
 
-def troubled(desk: Desk, trouble: Callable[[BaseHTTPRequestHandler, str, str], bool], *, hurt: frozenset[str]) -> Came:
+def run_with_trouble(
+    desk: Desk, trouble: Callable[[BaseHTTPRequestHandler, str, str], bool], *, hurt: frozenset[str]
+) -> FaultResult:
     """Run while the index misbehaves, and again once it is mended."""
-    with opened(desk) as (index, text):
+    with serve_index(desk) as (index, text):
         matrix = desk.matrix("m", text)
         index.trouble = trouble
         first = desk.judged(desk.measure(matrix, UV_HTTP_TIMEOUT="10"), odd=set(hurt))
         index.trouble = Index().trouble
         second = desk.judged(desk.measure(matrix), odd=IMPORTED)
-    return Came(f"{first.what}; mended: {second.what}", first.held and second.held)
+    return FaultResult(f"{first.what}; mended: {second.what}", first.held and second.held)
 
 
 def on(kind: str, send_it: Callable[[BaseHTTPRequestHandler], object], name: str = "") -> Callable[..., bool]:
@@ -177,9 +179,9 @@ def declare() -> None:
     """Declare a fault for each trouble."""
     for letter, (done, trouble) in TROUBLES.items():
 
-        def troublesome(desk: Desk, trouble: Callable[..., bool] = trouble) -> Came:
+        def troublesome(desk: Desk, trouble: Callable[..., bool] = trouble) -> FaultResult:
             """Misbehave, then be mended."""
-            return troubled(desk, trouble, hurt=NOT_BLAMED)
+            return run_with_trouble(desk, trouble, hurt=NOT_BLAMED)
 
         troublesome.__name__ = f"trouble_{letter}"
         promise = "inconclusive, or works; once it is mended it works"
@@ -196,16 +198,16 @@ declare()
     promise="inconclusive; once it is mended it works",
     limit=200,
 )
-def flipped_bit(desk: Desk) -> Came:
+def flipped_bit(desk: Desk) -> FaultResult:
     """Flip a bit in a file."""
-    with opened(desk) as (index, text):
+    with serve_index(desk) as (index, text):
         matrix, (name, whole) = desk.matrix("m", text), next(iter(index.files.items()))
         index.hashes[name] = hashlib.sha256(whole).hexdigest()
         index.files[name] = whole[:60] + bytes([whole[60] ^ 1]) + whole[61:]
         first = desk.judged(desk.measure(matrix), odd={"inconclusive"})
         index.files[name] = whole
         second = desk.judged(desk.measure(matrix), odd=IMPORTED)
-    return Came(f"{first.what}; mended: {second.what}", first.held and second.held)
+    return FaultResult(f"{first.what}; mended: {second.what}", first.held and second.held)
 
 
 @fault(
@@ -215,10 +217,10 @@ def flipped_bit(desk: Desk) -> Came:
     promise="unresolvable, which names the package; works once it is there",
     limit=200,
 )
-def missing_page(desk: Desk) -> Came:
+def missing_page(desk: Desk) -> FaultResult:
     """Answer 404 for the page of a dependency."""
     trouble = on(PAGE, lambda handler: send(handler, b"", 404), "dep")
-    return troubled(desk, trouble, hurt=frozenset({"unresolvable", "inconclusive"}))
+    return run_with_trouble(desk, trouble, hurt=frozenset({"unresolvable", "inconclusive"}))
 
 
 @fault(
@@ -228,7 +230,7 @@ def missing_page(desk: Desk) -> Came:
     promise="inconclusive; works once it is mended",
     limit=200,
 )
-def another_wheel(desk: Desk) -> Came:
+def another_wheel(desk: Desk) -> FaultResult:
     """Serve the bytes of another wheel."""
     return mixed_up(desk, right_hash=False)
 
@@ -240,14 +242,14 @@ def another_wheel(desk: Desk) -> Came:
     promise="inconclusive; works once it is mended",
     limit=200,
 )
-def another_wheel_than_told(desk: Desk) -> Came:
+def another_wheel_than_told(desk: Desk) -> FaultResult:
     """Serve the bytes of another wheel below the right hash."""
     return mixed_up(desk, right_hash=True)
 
 
-def mixed_up(desk: Desk, *, right_hash: bool) -> Came:
+def mixed_up(desk: Desk, *, right_hash: bool) -> FaultResult:
     """Measure beside an index that has another wheel's bytes under a name, and again once it is mended."""
-    with opened(desk) as (index, text):
+    with serve_index(desk) as (index, text):
         matrix = desk.matrix("m", text)
         name, whole = next((name, content) for name, content in index.files.items() if name.startswith("dep"))
         if right_hash:
@@ -256,7 +258,7 @@ def mixed_up(desk: Desk, *, right_hash: bool) -> Came:
         first = desk.judged(desk.measure(matrix), odd={"inconclusive"})
         index.files[name] = whole
         second = desk.judged(desk.measure(matrix), odd=IMPORTED)
-    return Came(f"{first.what}; mended: {second.what}", first.held and second.held)
+    return FaultResult(f"{first.what}; mended: {second.what}", first.held and second.held)
 
 
 @fault(
@@ -266,16 +268,16 @@ def mixed_up(desk: Desk, *, right_hash: bool) -> Came:
     promise="inconclusive, and the line says how to lock anew; works after that",
     limit=200,
 )
-def wrong_hash(desk: Desk) -> Came:
+def wrong_hash(desk: Desk) -> FaultResult:
     """Tell a wrong hash on the page."""
-    with opened(desk) as (index, text):
+    with serve_index(desk) as (index, text):
         matrix, name = desk.matrix("m", text), next(iter(index.files))
         index.hashes[name] = "0" * 64
         first = desk.judged(desk.measure(matrix), odd={"inconclusive"}, says="lock MATRIX --upgrade")
         del index.hashes[name]
         desk.run("lock", matrix, "--upgrade")
         second = desk.judged(desk.measure(matrix), odd=IMPORTED)
-    return Came(f"{first.what}; locked anew: {second.what}", first.held and second.held)
+    return FaultResult(f"{first.what}; locked anew: {second.what}", first.held and second.held)
 
 
 @fault(
@@ -285,9 +287,9 @@ def wrong_hash(desk: Desk) -> Came:
     promise="imported: the lock takes the hash of what was downloaded",
     limit=200,
 )
-def no_hash(desk: Desk) -> Came:
+def no_hash(desk: Desk) -> FaultResult:
     """Tell no hash on the page."""
-    with opened(desk) as (index, text):
+    with serve_index(desk) as (index, text):
         matrix = desk.matrix("m", text)
         index.hashes = dict.fromkeys(index.files)
         return desk.judged(desk.measure(matrix), odd=IMPORTED)

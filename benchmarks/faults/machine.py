@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from benchmarks.faults import Came, Desk, Ran, Unavailable, fault
+from benchmarks.faults import CommandResult, Desk, FaultResult, Unavailable, fault
 
 DISKS, TOGETHER, BLAME = "disks and damaged files", "several at once", "whose fault"
 HONEST = {"works", "inconclusive", "unavailable", "not_run"}
@@ -52,48 +52,52 @@ def crowded(folder: Path, left: int) -> Path:
     return crowd
 
 
-def verdicts(ran: Ran) -> dict[str, str]:
+def verdicts(ran: CommandResult) -> dict[str, str]:
     """Return verdicts by `which`; none without a document."""
     if not ran.out.startswith("{"):
         return {}
     return {which: str(cell["verdict"]) for which, cell in ran.cells("which").items()}
 
 
-def brief(ran: Ran) -> str:
+def brief(ran: CommandResult) -> str:
     """Return how a run ended, in few words."""
-    found = verdicts(ran)
+    cell_verdicts = verdicts(ran)
     lines = [line for line in ran.err.splitlines() if line.startswith("simmatrix")]
-    return f"exit {ran.code}, " + (", ".join(sorted(set(found.values()))) or (lines or ["no word"])[-1][:120])
+    return f"exit {ran.code}, " + (", ".join(sorted(set(cell_verdicts.values()))) or (lines or ["no word"])[-1][:120])
 
 
-def blames_nobody(ran: Ran) -> bool:
+def blames_nobody(ran: CommandResult) -> bool:
     """Tell whether a run ended with a sentence or a document that blames no package."""
-    found = verdicts(ran)
-    return ran.code in (0, 3) and set(found.values()) <= HONEST if found else ran.code in (2, 3)
+    cell_verdicts = verdicts(ran)
+    return ran.code in (0, 3) and set(cell_verdicts.values()) <= HONEST if cell_verdicts else ran.code in (2, 3)
 
 
-def works(ran: Ran) -> bool:
+def works(ran: CommandResult) -> bool:
     """Tell whether both cells work."""
     return ran.code == 0 and verdicts(ran) == {"hx": "works", "neighbour": "works"}
 
 
-def healed(desk: Desk, matrix: Path, tries: list[tuple[str, Ran]], mend: Callable[[], object]) -> Came:
+def check_recovery(
+    desk: Desk, matrix: Path, tries: list[tuple[str, CommandResult]], mend: Callable[[], object]
+) -> FaultResult:
     """Hold that no try blamed a package, and that all works once the trouble is gone."""
     mend()
     after = desk.measure(matrix)
-    told = "; ".join(f"{name}: {brief(ran)}" for name, ran in tries)
-    return Came(f"{told}; mended: {brief(after)}", all(blames_nobody(ran) for _, ran in tries) and works(after))
+    summary = "; ".join(f"{name}: {brief(ran)}" for name, ran in tries)
+    return FaultResult(
+        f"{summary}; mended: {brief(after)}", all(blames_nobody(ran) for _, ran in tries) and works(after)
+    )
 
 
 # --- disks -----------------------------------------------------------------------------------------------------
 
 
 @fault("15", section=DISKS, done="HARNESS_STATE on a disk of 3 MB", promise="both cells work")
-def small_state(desk: Desk) -> Came:
+def small_state(desk: Desk) -> FaultResult:
     """Give results little room."""
     mounted(desk.state, "size=3m")
     ran = desk.measure(desk.hostile(checks=("single",)))
-    return Came(brief(ran), works(ran))
+    return FaultResult(brief(ran), works(ran))
 
 
 @fault(
@@ -103,7 +107,7 @@ def small_state(desk: Desk) -> Came:
     promise="each time a document with the cell that was measured; the other is inconclusive or works; then both work",
     limit=300,
 )
-def full_state(desk: Desk) -> Came:
+def full_state(desk: Desk) -> FaultResult:
     """Fill the disk of results between two runs."""
     matrix = desk.hostile(checks=("single",))
     mounted(desk.state, "size=24m")
@@ -116,8 +120,8 @@ def full_state(desk: Desk) -> Came:
         tries.append((f"{left} KB", ran))
         shown = shown and verdicts(ran).get("neighbour") == "works"
         ballast.unlink()
-    came = healed(desk, matrix, tries, lambda: None)
-    return Came(came.what, came.held and shown)
+    came = check_recovery(desk, matrix, tries, lambda: None)
+    return FaultResult(came.what, came.held and shown)
 
 
 @fault(
@@ -126,7 +130,7 @@ def full_state(desk: Desk) -> Came:
     done="both cells are measured; then not a byte is left for HARNESS_STATE, and `run` prints its table",
     promise="the table of both cells, works, and a sentence that names the full disk",
 )
-def full_state_table(desk: Desk) -> Came:
+def full_state_table(desk: Desk) -> FaultResult:
     """Print what was measured before from a full disk."""
     matrix = desk.hostile(checks=("single",))
     mounted(desk.state, "size=24m")
@@ -135,7 +139,9 @@ def full_state_table(desk: Desk) -> Came:
     ran = desk.run("run", matrix)
     word = "No space left" in ran.err and ran.code == 3
     first, *_ = [*ran.out.strip().splitlines(), "nothing"]
-    return Came(f"exit {ran.code}, {first!r}, {ran.err.strip().splitlines()[-1:]}", ran.out.count("✔") >= 2 and word)
+    return FaultResult(
+        f"exit {ran.code}, {first!r}, {ran.err.strip().splitlines()[-1:]}", ran.out.count("✔") >= 2 and word
+    )
 
 
 @fault(
@@ -145,7 +151,7 @@ def full_state_table(desk: Desk) -> Came:
     promise="no package is blamed; then both work",
     limit=300,
 )
-def no_inodes(desk: Desk) -> Came:
+def no_inodes(desk: Desk) -> FaultResult:
     """Use up the inodes of the disk of results."""
     matrix = desk.hostile(checks=("single",))
     mounted(desk.state, "size=24m", "nr_inodes=400")
@@ -154,7 +160,7 @@ def no_inodes(desk: Desk) -> Came:
         crowd = crowded(desk.state, left)
         tries.append((f"{left} inodes", desk.measure(matrix, "--fresh")))
         shutil.rmtree(crowd)
-    return healed(desk, matrix, tries, lambda: remounted(desk.state, "nr_inodes=20000"))
+    return check_recovery(desk, matrix, tries, lambda: remounted(desk.state, "nr_inodes=20000"))
 
 
 @fault(
@@ -164,7 +170,7 @@ def no_inodes(desk: Desk) -> Came:
     promise="no package is blamed; then both work",
     limit=300,
 )
-def small_cache(desk: Desk) -> Came:
+def small_cache(desk: Desk) -> FaultResult:
     """Give environments and wheels too little room."""
     matrix = desk.hostile(checks=("single",))
     mounted(desk.cache, "size=2m")
@@ -172,7 +178,7 @@ def small_cache(desk: Desk) -> Came:
     for size in (2, 30, 60):
         remounted(desk.cache, f"size={size}m")
         tries.append((f"{size} MB", desk.measure(matrix)))
-    return healed(desk, matrix, tries, lambda: remounted(desk.cache, "size=800m"))
+    return check_recovery(desk, matrix, tries, lambda: remounted(desk.cache, "size=800m"))
 
 
 @fault(
@@ -182,12 +188,12 @@ def small_cache(desk: Desk) -> Came:
     promise="no package is blamed; then both work",
     limit=240,
 )
-def cache_without_inodes(desk: Desk) -> Came:
+def cache_without_inodes(desk: Desk) -> FaultResult:
     """Give environments too few inodes."""
     matrix = desk.hostile(checks=("single",))
     mounted(desk.cache, "size=800m", "nr_inodes=300")
     tries = [("300 inodes", desk.measure(matrix))]
-    return healed(desk, matrix, tries, lambda: remounted(desk.cache, "nr_inodes=20000"))
+    return check_recovery(desk, matrix, tries, lambda: remounted(desk.cache, "nr_inodes=20000"))
 
 
 @fault(
@@ -197,7 +203,7 @@ def cache_without_inodes(desk: Desk) -> Came:
     promise="no package is blamed; then both work",
     limit=300,
 )
-def small_scratch(desk: Desk) -> Came:
+def small_scratch(desk: Desk) -> FaultResult:
     """Give scratch folders too little room."""
     matrix = desk.hostile(checks=("single",))
     mounted(desk.scratch, "size=16k")
@@ -205,7 +211,7 @@ def small_scratch(desk: Desk) -> Came:
     for size in (16, 100, 1024):
         remounted(desk.scratch, f"size={size}k")
         tries.append((f"{size} KB", desk.measure(matrix)))
-    return healed(desk, matrix, tries, lambda: remounted(desk.scratch, "size=200m"))
+    return check_recovery(desk, matrix, tries, lambda: remounted(desk.scratch, "size=200m"))
 
 
 @fault(
@@ -214,7 +220,7 @@ def small_scratch(desk: Desk) -> Came:
     done="a probe fills a TMPDIR of 50 MB and fails by it",
     promise="inconclusive with a line that names the disk; the neighbour works",
 )
-def probe_fills_scratch(desk: Desk) -> Came:
+def probe_fills_scratch(desk: Desk) -> FaultResult:
     """Let a package fill the disk of TMPDIR."""
     step = "open(os.path.join(os.environ['TMPDIR'], 'much'), 'wb').write(bytes(80 << 20))"
     matrix = desk.hostile(checks=("single",), step=step)
@@ -229,7 +235,7 @@ def probe_fills_scratch(desk: Desk) -> Came:
     promise="no package is blamed; then both work",
     limit=240,
 )
-def read_only(desk: Desk) -> Came:
+def read_only(desk: Desk) -> FaultResult:
     """Take the right to write away from each folder."""
     matrix = desk.hostile(checks=("single",))
     tries = []
@@ -237,7 +243,7 @@ def read_only(desk: Desk) -> Came:
         mounted(folder, "size=400m", "ro")
         tries.append((name, desk.measure(matrix)))
         subprocess.run(["umount", "-l", str(folder)], check=True)
-    return healed(desk, matrix, tries, lambda: None)
+    return check_recovery(desk, matrix, tries, lambda: None)
 
 
 @fault(
@@ -246,7 +252,7 @@ def read_only(desk: Desk) -> Came:
     done="a cache with all that is needed becomes read-only, and everything is measured again",
     promise="both cells work",
 )
-def read_only_warm_cache(desk: Desk) -> Came:
+def read_only_warm_cache(desk: Desk) -> FaultResult:
     """Measure from a cache that somebody else fills."""
     matrix = desk.hostile(checks=("single",))
     mounted(desk.cache, "size=800m")
@@ -254,15 +260,15 @@ def read_only_warm_cache(desk: Desk) -> Came:
     remounted(desk.cache, "ro")
     ran = desk.measure(matrix, "--fresh")
     lines = {cell["decisive"] for cell in ran.cells("which").values()} if ran.out.startswith("{") else set()
-    return Came(f"{brief(ran)} {lines or ''}", works(ran))
+    return FaultResult(f"{brief(ran)} {lines or ''}", works(ran))
 
 
 @fault("21", section=DISKS, done="HARNESS_STATE is a file", promise="exit 2 or 3 with a sentence that names it")
-def state_is_a_file(desk: Desk) -> Came:
+def state_is_a_file(desk: Desk) -> FaultResult:
     """Name a file where a folder is expected."""
     (desk.folder / "file").write_text("")
     ran = desk.measure(desk.hostile(checks=("single",)), HARNESS_STATE=str(desk.folder / "file"))
-    return Came(brief(ran), ran.code in (2, 3) and "file" in ran.err)
+    return FaultResult(brief(ran), ran.code in (2, 3) and "file" in ran.err)
 
 
 # --- several at once -------------------------------------------------------------------------------------------
@@ -275,16 +281,16 @@ def state_is_a_file(desk: Desk) -> Came:
     promise="all have the same verdicts: both work",
     limit=240,
 )
-def four_at_once(desk: Desk) -> Came:
+def four_at_once(desk: Desk) -> FaultResult:
     """Run the same four times at once."""
     matrix = desk.hostile(checks=("single",))
-    rans: list[Ran] = []
+    rans: list[CommandResult] = []
     threads = [threading.Thread(target=lambda: rans.append(desk.measure(matrix))) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join()
-    return Came("; ".join(map(brief, rans)), len(rans) == 4 and all(map(works, rans)))
+    return FaultResult("; ".join(map(brief, rans)), len(rans) == 4 and all(map(works, rans)))
 
 
 @fault(
@@ -294,18 +300,18 @@ def four_at_once(desk: Desk) -> Came:
     promise="both work, and `gc` ends with 0",
     limit=240,
 )
-def collected_meanwhile(desk: Desk) -> Came:
+def collected_meanwhile(desk: Desk) -> FaultResult:
     """Collect garbage under a run."""
     matrix = desk.hostile(checks=("single",))
     desk.measure(matrix)
     with desk.started("run", matrix, "--json", "--fresh") as process:
         codes = [desk.run("gc", "--older-than", "0", "--max-size", "1MB").code for _ in range(6)]
         out, err = process.communicate(timeout=120)
-    ran = Ran(code=process.returncode, out=out, err=err)
-    return Came(f"{brief(ran)}; gc: {codes}", works(ran) and set(codes) == {0})
+    ran = CommandResult(code=process.returncode, out=out, err=err)
+    return FaultResult(f"{brief(ran)}; gc: {codes}", works(ran) and set(codes) == {0})
 
 
-def meanwhile(desk: Desk, remove: Callable[[], object], when: Callable[[], bool]) -> Came:
+def meanwhile(desk: Desk, remove: Callable[[], object], when: Callable[[], bool]) -> FaultResult:
     """Do something in the middle of a run; then run again."""
     matrix = desk.hostile(checks=("single",), step="time.sleep(0.05)")
     with desk.started("run", matrix, "--json") as process:
@@ -315,9 +321,9 @@ def meanwhile(desk: Desk, remove: Callable[[], object], when: Callable[[], bool]
         caught = process.poll() is None
         remove()
         out, err = process.communicate(timeout=150)
-    desk.ran.append(Ran(code=process.returncode, out=out, err=err))
-    came = healed(desk, matrix, [("removed", desk.ran[-1])], lambda: None)
-    return Came(came.what, came.held and caught)
+    desk.ran.append(CommandResult(code=process.returncode, out=out, err=err))
+    came = check_recovery(desk, matrix, [("removed", desk.ran[-1])], lambda: None)
+    return FaultResult(came.what, came.held and caught)
 
 
 def gone(*folders: Path) -> None:
@@ -333,7 +339,7 @@ def gone(*folders: Path) -> None:
     promise="no package is blamed; then both work",
     limit=240,
 )
-def environments_removed(desk: Desk) -> Came:
+def environments_removed(desk: Desk) -> FaultResult:
     """Take environments away."""
     folder = desk.cache / "environments"
     return meanwhile(desk, lambda: gone(*folder.iterdir()), lambda: folder.is_dir() and probing(desk))
@@ -346,7 +352,7 @@ def environments_removed(desk: Desk) -> Came:
     promise="no package is blamed; then both work",
     limit=240,
 )
-def state_removed(desk: Desk) -> Came:
+def state_removed(desk: Desk) -> FaultResult:
     """Take the results away."""
     return meanwhile(desk, lambda: gone(desk.state), lambda: probing(desk))
 
@@ -358,7 +364,7 @@ def state_removed(desk: Desk) -> Came:
     promise="no package is blamed; then both work",
     limit=240,
 )
-def scratch_removed(desk: Desk) -> Came:
+def scratch_removed(desk: Desk) -> FaultResult:
     """Take the scratch folders away."""
     return meanwhile(desk, lambda: gone(*desk.scratch.iterdir()), lambda: probing(desk))
 
@@ -378,7 +384,7 @@ def probing(desk: Desk) -> bool:
     promise="no package is blamed",
     limit=240,
 )
-def little_shared_memory(desk: Desk) -> Came:
+def little_shared_memory(desk: Desk) -> FaultResult:
     """Take shared memory away from worker processes."""
     desk = desk.with_variables(HARNESS_SANDBOX="subreaper")
     matrix = desk.hostile(checks=("single", "vector"))
@@ -386,7 +392,7 @@ def little_shared_memory(desk: Desk) -> Came:
     tries = [("64 KB", desk.measure(matrix))]
     remounted(Path("/dev/shm"), "ro")
     tries.append(("read-only", desk.measure(matrix, "--fresh")))
-    return healed(desk, matrix, tries, lambda: remounted(Path("/dev/shm"), "rw", "size=200m"))
+    return check_recovery(desk, matrix, tries, lambda: remounted(Path("/dev/shm"), "rw", "size=200m"))
 
 
 @contextmanager
@@ -425,7 +431,7 @@ def within(desk: Desk, group: Path) -> Desk:
     promise="no package is blamed; then both work",
     limit=400,
 )
-def little_memory(desk: Desk) -> Came:
+def little_memory(desk: Desk) -> FaultResult:
     """Give the harness and its probes little memory."""
     matrix = desk.hostile(checks=("single",))
     tries = []
@@ -433,8 +439,10 @@ def little_memory(desk: Desk) -> Came:
         with limited("memory", ("memory.max", "memory.limit_in_bytes"), f"{most}M") as group:
             ran = within(desk, group).measure(matrix, "--fresh", "-j", "1")
         killed = ran.code in (-9, 137)  # the harness itself: nothing can be printed then
-        tries.append((f"{most} MB" + " (ended by the kernel)" * killed, Ran(code=3, out="", err="") if killed else ran))
-    return healed(desk, matrix, tries, lambda: None)
+        tries.append(
+            (f"{most} MB" + " (ended by the kernel)" * killed, CommandResult(code=3, out="", err="") if killed else ran)
+        )
+    return check_recovery(desk, matrix, tries, lambda: None)
 
 
 @fault(
@@ -444,14 +452,14 @@ def little_memory(desk: Desk) -> Came:
     promise="no package is blamed; then both work",
     limit=300,
 )
-def few_processes(desk: Desk) -> Came:
+def few_processes(desk: Desk) -> FaultResult:
     """Allow few processes."""
     matrix = desk.hostile(checks=("single",))
     tries = []
     for most in (40, 12, 6):
         with limited("pids", ("pids.max",), str(most)) as group:
             tries.append((f"{most} processes", within(desk, group).measure(matrix, "--fresh", "-j", "1")))
-    return healed(desk, matrix, tries, lambda: None)
+    return check_recovery(desk, matrix, tries, lambda: None)
 
 
 @fault(
@@ -461,7 +469,7 @@ def few_processes(desk: Desk) -> Came:
     promise="no package is blamed; then both work",
     limit=400,
 )
-def small_limits(desk: Desk) -> Came:
+def small_limits(desk: Desk) -> FaultResult:
     """Start under limits of the shell."""
     matrix = desk.hostile(checks=("single",))
     tries = [
@@ -476,16 +484,18 @@ def small_limits(desk: Desk) -> Came:
     tries.append(("umask", desk.under("sh", "-c", 'umask 777; exec "$@"', "sh").measure(matrix, "--fresh")))
     tries.append(("no HOME", desk.under("env", "-u", "HOME").measure(matrix, "--fresh")))
     tries.append(("TZ", desk.measure(matrix, "--fresh", TZ="Mars/Olympus")))
-    return healed(desk, matrix, tries, lambda: subprocess.run(["chmod", "-R", "u+rwX", str(desk.folder)], check=False))
+    return check_recovery(
+        desk, matrix, tries, lambda: subprocess.run(["chmod", "-R", "u+rwX", str(desk.folder)], check=False)
+    )
 
 
 def faked() -> str:
     """Return the library that makes clocks jump."""
-    found = [*Path("/usr/lib").glob("*/faketime/libfaketime.so.1")]
-    if not found:
+    libraries = [*Path("/usr/lib").glob("*/faketime/libfaketime.so.1")]
+    if not libraries:
         msg = "libfaketime (Debian's package of this name)"
         raise Unavailable(msg)
-    return str(found[0])
+    return str(libraries[0])
 
 
 @fault(
@@ -495,7 +505,7 @@ def faked() -> str:
     promise="no package is blamed; then both work, and nothing that was measured is lost",
     limit=400,
 )
-def clock_jumps(desk: Desk) -> Came:
+def clock_jumps(desk: Desk) -> FaultResult:
     """Run under other clocks than the one before."""
     matrix = desk.hostile(checks=("single",))
     library = faked()
@@ -504,8 +514,8 @@ def clock_jumps(desk: Desk) -> Came:
         (said, desk.measure(matrix, "--fresh", LD_PRELOAD=library, FAKETIME=shift, DONT_FAKE_MONOTONIC="1"))
         for said, shift in {"+10 years": "+10y", "-10 years": "-10y", "50 times as fast": "+0 x50"}.items()
     ]
-    came = healed(desk, matrix, tries, lambda: None)
-    return Came(came.what, came.held and works(first))
+    came = check_recovery(desk, matrix, tries, lambda: None)
+    return FaultResult(came.what, came.held and works(first))
 
 
 STEPPING = """
@@ -547,7 +557,7 @@ time_t time(time_t *now) {
     promise="both work, here and when they are run again under the right clock",
     limit=240,
 )
-def clock_steps(desk: Desk) -> Came:
+def clock_steps(desk: Desk) -> FaultResult:
     """Step the clock in the middle of a run."""
     library, source = desk.folder / "stepping.so", desk.folder / "stepping.c"
     source.write_text(STEPPING, encoding="utf-8")
@@ -558,5 +568,5 @@ def clock_steps(desk: Desk) -> Came:
     subprocess.run([compiler, "-shared", "-fPIC", "-o", str(library), str(source)], check=True)
     matrix = desk.hostile(checks=("single",), step="time.sleep(0.02)")
     ran = desk.measure(matrix, LD_PRELOAD=str(library))
-    came = healed(desk, matrix, [("stepping", ran)], lambda: None)
-    return Came(came.what, came.held and works(ran))
+    came = check_recovery(desk, matrix, [("stepping", ran)], lambda: None)
+    return FaultResult(came.what, came.held and works(ran))

@@ -9,7 +9,7 @@ import subprocess
 import sys
 from collections.abc import Mapping
 
-from benchmarks.faults import Came, Desk, fault
+from benchmarks.faults import Desk, FaultResult, fault
 
 OBEYED = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ufffe]|\x1b")
 """What no door may let through."""
@@ -21,31 +21,31 @@ def doors(desk: Desk, message: str, *, kind: str = "ValueError", top: str = "") 
     """Let a package raise a message at its first step; return what each door says of it, by the door's name."""
     step = f"raise {kind}({message!r})"
     ran = desk.run("run", desk.hostile(checks=("single",), top=top, step=step))
-    said = {"run": ran.out + ran.err}
+    texts = {"run": ran.out + ran.err}
     for form in FORMATS:
-        said[f"report --format {form}"] = desk.run("report", "m", "--format", form).out
-    said["show"] = desk.run("show", "*hx*").out
-    said["show --issue"] = desk.run("show", "*hx*", "--issue").out
+        texts[f"report --format {form}"] = desk.run("report", "m", "--format", form).out
+    texts["show"] = desk.run("show", "*hx*").out
+    texts["show --issue"] = desk.run("show", "*hx*", "--issue").out
     for name in ("report.md", "report.json"):
-        said[name] = (desk.state / "reports" / "m" / name).read_text(encoding="utf-8")
+        texts[name] = (desk.state / "reports" / "m" / name).read_text(encoding="utf-8")
     log = desk.folder / "log"
     log.write_text(
         f'Traceback (most recent call last):\n  File "x.py", line 1, in f\n{kind}: {message}\n', errors="replace"
     )
-    said["explain"] = desk.run("explain", "log").out
-    said["explain -"] = subprocess.run(
+    texts["explain"] = desk.run("explain", "log").out
+    texts["explain -"] = subprocess.run(
         [sys.executable, "-m", "harness", "explain", "-"], input=log.read_bytes(), env=desk.environment({}),
         cwd=desk.folder, capture_output=True, check=False,
     ).stdout.decode()  # fmt: skip
-    return said
+    return texts
 
 
-def clean(said: Mapping[str, str], word: str) -> Came:
+def clean(texts: Mapping[str, str], word: str) -> FaultResult:
     """Hold that nothing is obeyed by a terminal, and that the word itself is told at each door of a person."""
-    dirty = [door for door, text in said.items() if OBEYED.search(text)]
-    silent = [door for door in ("run", "show", "show --issue", "report.md", "explain") if word not in said[door]]
-    told = f"{len(said)} doors, raw at {dirty or 'none'}, silent at {silent or 'none'}"
-    return Came(told, not dirty and not silent)
+    dirty = [door for door, text in texts.items() if OBEYED.search(text)]
+    silent = [door for door in ("run", "show", "show --issue", "report.md", "explain") if word not in texts[door]]
+    summary = f"{len(texts)} doors, raw at {dirty or 'none'}, silent at {silent or 'none'}"
+    return FaultResult(summary, not dirty and not silent)
 
 
 SEQUENCES = {
@@ -65,7 +65,7 @@ SEQUENCES = {
 
 
 def _sequence(row: str, what: str, sequence: str) -> None:
-    def do(desk: Desk) -> Came:
+    def do(desk: Desk) -> FaultResult:
         return clean(doors(desk, f"token4711 {sequence} end"), "token4711")
 
     do.__name__ = "row_" + row.replace(".", "_")
@@ -82,15 +82,15 @@ def live(text: str) -> list[str]:
     fenced = re.sub(r"(?ms)^(`{3,})[^`\n]*\n.*?^\1`*$", "", text)
     plain = re.sub(r"(?m)^ {4}.*$", "", fenced)
     spans = re.sub(r"(?<!`)(`+)(?!`).+?(?<!`)\1(?!`)", "", plain)
-    found = re.findall(r"!\[[^\]]*\]\([^)]*\)|(?<!\\)\[[^\]]*\]\(http://evil[^)]*\)", spans)
-    return found + re.findall(r"(?<![\w`])@everyone|<script|<img", spans)
+    matches = re.findall(r"!\[[^\]]*\]\([^)]*\)|(?<!\\)\[[^\]]*\]\(http://evil[^)]*\)", spans)
+    return matches + re.findall(r"(?<![\w`])@everyone|<script|<img", spans)
 
 
-def pages(said: Mapping[str, str]) -> Came:
+def pages(texts: Mapping[str, str]) -> FaultResult:
     """Hold that no page has anything live that came from a package."""
     names = ("report --format md", "report --format github-summary", "report.md", "show --issue")
-    found = {name: live(said[name]) for name in names if live(said[name])}
-    return Came(f"{len(names)} pages, live: {found or 'nothing'}", not found)
+    live_parts = {name: live(texts[name]) for name in names if live(texts[name])}
+    return FaultResult(f"{len(names)} pages, live: {live_parts or 'nothing'}", not live_parts)
 
 
 @fault(
@@ -100,13 +100,13 @@ def pages(said: Mapping[str, str]) -> Came:
     done="an exception holds `<script>`, `<img>` and bars of a table",
     promise="they are text on every page",
 )
-def tags(desk: Desk) -> Came:
+def tags(desk: Desk) -> FaultResult:
     """Raise HTML."""
-    said = doors(desk, "<script>alert(1)</script> | a | <img src=http://evil.example/x.png> | b")
-    came = pages(said)
-    rows = [line for line in said["report.md"].splitlines() if line.startswith("|") and "alert" in line]
+    texts = doors(desk, "<script>alert(1)</script> | a | <img src=http://evil.example/x.png> | b")
+    came = pages(texts)
+    rows = [line for line in texts["report.md"].splitlines() if line.startswith("|") and "alert" in line]
     bars = {len(re.findall(r"(?<!\\)\|", line)) for line in rows}
-    return Came(f"{came.what}; bars {bars}", came.held and len(bars) <= 1)
+    return FaultResult(f"{came.what}; bars {bars}", came.held and len(bars) <= 1)
 
 
 @fault(
@@ -116,13 +116,13 @@ def tags(desk: Desk) -> Came:
     done="an exception holds a link and a picture",
     promise="no page calls home",
 )
-def picture(desk: Desk) -> Came:
+def picture(desk: Desk) -> FaultResult:
     """Raise Markdown."""
     return pages(doors(desk, "![i](http://evil.example/x.png) [pypi](http://evil.example) [a]: http://evil.example"))
 
 
 @fault("113.2", section="what is printed", limit=400, done="an exception calls @everyone", promise="nobody is called")
-def mention(desk: Desk) -> Came:
+def mention(desk: Desk) -> FaultResult:
     """Raise a mention."""
     return pages(doors(desk, "@everyone (@everyone) look"))
 
@@ -134,7 +134,7 @@ def mention(desk: Desk) -> Came:
     done="an exception opens code spans that do not close as they seem to",
     promise="no picture leaves them",
 )
-def spans(desk: Desk) -> Came:
+def spans(desk: Desk) -> FaultResult:
     """Raise backticks of several lengths around a picture."""
     return pages(doors(desk, "`` ![i](http://evil.example/x.png) ` and \\` ![j](http://evil.example/y.png) `"))
 
@@ -146,13 +146,13 @@ def spans(desk: Desk) -> Came:
     done="an exception holds lines of three to seven backticks",
     promise="no line of it ends a block of the issue",
 )
-def fence(desk: Desk) -> Came:
+def fence(desk: Desk) -> FaultResult:
     """Raise fences around HTML."""
     lines = "\n".join("`" * count + "\n<script>x</script>\n# heading" for count in range(3, 8))
     issue = doors(desk, lines)["show --issue"]
     outside = re.sub(r"(?ms)^(`{3,})[^`\n]*\n.*?^\1$", "", issue)
     left = [line for line in outside.splitlines() if line in {"<script>x</script>", "# heading"}]
-    return Came(f"{len(left)} lines outside a block", not left)
+    return FaultResult(f"{len(left)} lines outside a block", not left)
 
 
 @fault(
@@ -162,11 +162,11 @@ def fence(desk: Desk) -> Came:
     done="the heading of an issue is an exception with HTML and @everyone",
     promise="it is text",
 )
-def heading(desk: Desk) -> Came:
+def heading(desk: Desk) -> FaultResult:
     """Raise what a heading would obey."""
     issue = doors(desk, "<img src=x> @everyone ![i](http://evil.example)")["show --issue"]
     first = issue.splitlines()[0]
-    return Came(first, not live(first))
+    return FaultResult(first, not live(first))
 
 
 @fault(
@@ -176,12 +176,14 @@ def heading(desk: Desk) -> Came:
     done="an exception holds workflow commands of GitHub on lines of their own",
     promise="annotations stay single lines, no command but ours begins one",
 )
-def commands(desk: Desk) -> Came:
+def commands(desk: Desk) -> FaultResult:
     """Raise `::error::` and its like."""
     text = "x\n::error::owned\n::set-output name=a::b\n::stop-commands::t\n%0A::add-mask::x\r\n::warning::w"
-    said = doors(desk, text)["report --format github"]
-    strange = [line for line in said.splitlines() if not line.startswith("::error title=")]
-    return Came(f"{len(said.splitlines())} lines, strange: {strange or 'none'}", not strange and "::error" in said)
+    output = doors(desk, text)["report --format github"]
+    strange = [line for line in output.splitlines() if not line.startswith("::error title=")]
+    return FaultResult(
+        f"{len(output.splitlines())} lines, strange: {strange or 'none'}", not strange and "::error" in output
+    )
 
 
 @fault(
@@ -191,11 +193,11 @@ def commands(desk: Desk) -> Came:
     done="an exception of 5 MB on one line",
     promise="every door is below 100 KB",
 )
-def long_message(desk: Desk) -> Came:
+def long_message(desk: Desk) -> FaultResult:
     """Raise a long message."""
-    said = doors(desk, "x", top="class Long(Exception):\n    def __str__(self): return 'y' * 5_000_000", kind="Long")
-    longest = max((len(text), door) for door, text in said.items())
-    return Came(f"the longest is {longest[1]}: {longest[0]} characters", longest[0] < 100_000)
+    texts = doors(desk, "x", top="class Long(Exception):\n    def __str__(self): return 'y' * 5_000_000", kind="Long")
+    longest = max((len(text), door) for door, text in texts.items())
+    return FaultResult(f"the longest is {longest[1]}: {longest[0]} characters", longest[0] < 100_000)
 
 
 @fault(
@@ -205,14 +207,14 @@ def long_message(desk: Desk) -> Came:
     done="an exception whose `__str__` raises, of a class with escapes in its name",
     promise="it is told, without the escapes",
 )
-def odd_class(desk: Desk) -> Came:
+def odd_class(desk: Desk) -> FaultResult:
     """Raise what cannot be written down."""
     top = (
         "class Odd(Exception):\n    def __str__(self): raise RuntimeError('no')\nOdd.__name__ = 'Odd\\x1b[31m\\x9bName'"
     )
-    said = doors(desk, "x", top=top, kind="Odd")
-    dirty = [door for door, text in said.items() if OBEYED.search(text)]
-    return Came(f"raw at {dirty or 'none'}", not dirty and "broken" in said["run"] + said["show"])
+    texts = doors(desk, "x", top=top, kind="Odd")
+    dirty = [door for door, text in texts.items() if OBEYED.search(text)]
+    return FaultResult(f"raw at {dirty or 'none'}", not dirty and "broken" in texts["run"] + texts["show"])
 
 
 @fault(
@@ -222,11 +224,11 @@ def odd_class(desk: Desk) -> Came:
     done="an exception whose `__module__` is a number",
     promise="the cell is broken",
 )
-def odd_module(desk: Desk) -> Came:
+def odd_module(desk: Desk) -> FaultResult:
     """Raise a class that lives nowhere."""
     top = "class Odd(Exception): pass\nOdd.__module__ = 7"
-    said = doors(desk, "token4711", top=top, kind="Odd")
-    return Came(said["show"].splitlines()[1], "token4711" in said["show"])
+    texts = doors(desk, "token4711", top=top, kind="Odd")
+    return FaultResult(texts["show"].splitlines()[1], "token4711" in texts["show"])
 
 
 @fault(
@@ -236,7 +238,7 @@ def odd_module(desk: Desk) -> Came:
     done="the same on a real terminal, with the progress board",
     promise="only our own colours and movements reach it, and never a title, a clipboard or another set",
 )
-def terminal(desk: Desk) -> Came:
+def terminal(desk: Desk) -> FaultResult:
     """Run on a pseudo-terminal."""
     matrix = desk.hostile(
         checks=("single",), step="raise ValueError('token4711 \\x1b]0;owned\\x07\\x1bc\\x1b(0\\x9b5m')"
@@ -259,6 +261,6 @@ def terminal(desk: Desk) -> Came:
     os.close(controller)
     text = b"".join(pieces).decode("utf-8", "replace")
     bad = re.findall(r"\x1b[\]c(]|\x9b|\x07", text)
-    return Came(
+    return FaultResult(
         f"exit {process.returncode}, {len(text)} characters, bad: {bad or 'none'}", not bad and "token4711" in text
     )

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import wheelhouse
-from commandline import PATIENCE, Ran, below, wait_for
+from commandline import PATIENCE, CommandResult, find_descendants, wait_for
 
-from benchmarks.faults import Came, Desk, fault
+from benchmarks.faults import Desk, FaultResult, fault
 
 KILLS, PROBES, BUILDS = "kills and signals", "hostile probes", "wheels and builds"
 GOES_ON = "the same command goes on from there"
@@ -38,10 +38,10 @@ class Chain:
     keeper: int
     probe: int
 
-    def end(self) -> Ran:
+    def end(self) -> CommandResult:
         """Wait for the end of the command."""
         out, err = self.harness.communicate(timeout=PATIENCE)
-        self.desk.ran.append(Ran(code=self.harness.returncode, out=out, err=err))
+        self.desk.ran.append(CommandResult(code=self.harness.returncode, out=out, err=err))
         return self.desk.ran[-1]
 
     def open_gate(self) -> None:
@@ -70,14 +70,14 @@ def parent(pid: int) -> int:
 
 def probe_below(pid: int) -> int:
     """Wait for the probe of the cell that waits, and return it."""
-    found: list[int] = []
+    probes: list[int] = []
 
     def there() -> bool:
-        found[:] = [each for each in below(pid) if "bootstrap.py" in command(each)]
-        return bool(found)
+        probes[:] = [each for each in find_descendants(pid) if "bootstrap.py" in command(each)]
+        return bool(probes)
 
     wait_for(there)
-    return found[0]
+    return probes[0]
 
 
 @contextmanager
@@ -85,24 +85,24 @@ def measuring(desk: Desk, matrix: Path, sandbox: str = "", **variables: str) -> 
     """Start a run of the cell that waits, and find the processes of its probe once that has come so far."""
     reached = desk.folder / "reached"
     reached.unlink(missing_ok=True)
-    asked = ("run", matrix, "-k", "*-hx", "--json")
-    with desk.started(*asked, HARNESS_SANDBOX=sandbox, **variables) as harness:
+    arguments = ("run", matrix, "-k", "*-hx", "--json")
+    with desk.started(*arguments, HARNESS_SANDBOX=sandbox, **variables) as harness:
         wait_for(reached.exists)
         probe = probe_below(harness.pid)
         keeper = parent(probe)
         yield Chain(desk=desk, harness=harness, guard=parent(keeper), keeper=keeper, probe=probe)
 
 
-def again(desk: Desk, matrix: Path, first: Came, sandbox: str = "") -> Came:
+def again(desk: Desk, matrix: Path, first: FaultResult, sandbox: str = "") -> FaultResult:
     """Measure once more with the gate open: the cell works, and is not taken from before."""
     (desk.folder / "gate").touch()
     ran = desk.measure(matrix, "-k", "*-hx", HARNESS_SANDBOX=sandbox)
     came = desk.judged(ran, code={0}, hx={"works"})
     fresh = came.held and not ran.cells("which")["hx"]["reused"]
-    return Came(f"{first.what}; once more: {came.what}", first.held and fresh)
+    return FaultResult(f"{first.what}; once more: {came.what}", first.held and fresh)
 
 
-def ended_by(desk: Desk, number: signal.Signals, code: int, times: int = 1) -> Came:
+def ended_by(desk: Desk, number: signal.Signals, code: int, times: int = 1) -> FaultResult:
     """Send a signal to a run whose first cell is done, and run it again."""
     matrix = waiting(desk)
     desk.measure(matrix, "-k", "*-neighbour")
@@ -111,13 +111,13 @@ def ended_by(desk: Desk, number: signal.Signals, code: int, times: int = 1) -> C
             chain.harness.send_signal(number)
             time.sleep(0.03)
         ran = chain.end()
-    said = GOES_ON in ran.err or number == signal.SIGKILL
-    came = Came(f"exit {ran.code}, {ran.err.strip() or 'not a word'}", ran.code == code and said)
+    is_announced = GOES_ON in ran.err or number == signal.SIGKILL
+    came = FaultResult(f"exit {ran.code}, {ran.err.strip() or 'not a word'}", ran.code == code and is_announced)
     return again(desk, matrix, came)
 
 
 @fault("1", section=KILLS, done="SIGKILL of `run` in the middle of a probe", promise="nothing stays, a rerun goes on")
-def kill(desk: Desk) -> Came:
+def kill(desk: Desk) -> FaultResult:
     """Kill the command."""
     return ended_by(desk, signal.SIGKILL, -9)
 
@@ -129,7 +129,7 @@ def kill(desk: Desk) -> Came:
     promise="a rerun gives the verdicts of an undisturbed run",
     limit=240,
 )
-def kill_at_any_moment(desk: Desk) -> Came:
+def kill_at_any_moment(desk: Desk) -> FaultResult:
     """Kill the command early and late."""
     matrix = desk.hostile(checks=("single",))
     for tenths in (1, 3, 5, 8, 11, 14, 17, 20):
@@ -141,19 +141,19 @@ def kill_at_any_moment(desk: Desk) -> Came:
 
 
 @fault("4", section=KILLS, done="SIGTERM in the middle of a probe", promise="143 with a sentence, a rerun goes on")
-def terminate(desk: Desk) -> Came:
+def terminate(desk: Desk) -> FaultResult:
     """End the command as a service manager does."""
     return ended_by(desk, signal.SIGTERM, 143)
 
 
 @fault("4a", section=KILLS, done="SIGTERM three times within 100 ms", promise="143 with a sentence, nothing stays")
-def terminate_thrice(desk: Desk) -> Came:
+def terminate_thrice(desk: Desk) -> FaultResult:
     """End the command by somebody impatient."""
     return ended_by(desk, signal.SIGTERM, 143, times=3)
 
 
 @fault("4b", section=KILLS, done="SIGINT in the middle of a probe", promise="130 with a sentence, a rerun goes on")
-def interrupt(desk: Desk) -> Came:
+def interrupt(desk: Desk) -> FaultResult:
     """End the command as Ctrl-C does."""
     return ended_by(desk, signal.SIGINT, 130)
 
@@ -164,12 +164,12 @@ def interrupt(desk: Desk) -> Came:
     done="SIGTERM at 24 moments of the first 0.6 s, while the command is still being loaded",
     promise="143 with a sentence, once Python runs our first line; never a traceback or a crash",
 )
-def terminate_at_once(desk: Desk) -> Came:
+def terminate_at_once(desk: Desk) -> FaultResult:
     """End the command before it has begun."""
     return at_once(desk, signal.SIGTERM)
 
 
-def at_once(desk: Desk, number: signal.Signals) -> Came:
+def at_once(desk: Desk, number: signal.Signals) -> FaultResult:
     """Send a signal at many early moments."""
     matrix = desk.hostile(checks=("single",))
     codes: dict[int, int] = {}
@@ -179,14 +179,16 @@ def at_once(desk: Desk, number: signal.Signals) -> Came:
             time.sleep(0.02 + 0.025 * step)
             harness.send_signal(number)
             out, err = harness.communicate(timeout=PATIENCE)
-        desk.ran.append(Ran(code=harness.returncode, out=out, err=err))
+        desk.ran.append(CommandResult(code=harness.returncode, out=out, err=err))
         codes[harness.returncode] = codes.get(harness.returncode, 0) + 1
         silent += harness.returncode == 143 and GOES_ON not in err
-    return Came(f"exit codes {codes}, {silent} without the sentence", codes.keys() <= {143, -number} and not silent)
+    return FaultResult(
+        f"exit codes {codes}, {silent} without the sentence", codes.keys() <= {143, -number} and not silent
+    )
 
 
 @fault("6", section=KILLS, done="SIGHUP in the middle of a probe", promise="143 with a sentence, a rerun goes on")
-def hang_up(desk: Desk) -> Came:
+def hang_up(desk: Desk) -> FaultResult:
     """End the command as a closed ssh session does."""
     return ended_by(desk, signal.SIGHUP, 143)
 
@@ -197,7 +199,7 @@ def hang_up(desk: Desk) -> Came:
     done="the terminal of a run is closed in the middle of a probe",
     promise="143, nothing stays, a rerun goes on",
 )
-def close_terminal(desk: Desk) -> Came:
+def close_terminal(desk: Desk) -> FaultResult:
     """Close the terminal that a run writes to."""
     matrix = waiting(desk)
     pid, terminal = pty.fork()
@@ -208,11 +210,11 @@ def close_terminal(desk: Desk) -> Came:
     wait_for((desk.folder / "reached").exists)
     os.close(terminal)
     code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-    return again(desk, matrix, Came(f"exit {code}", code == 143))
+    return again(desk, matrix, FaultResult(f"exit {code}", code == 143))
 
 
 @fault("7", section=KILLS, done="SIGHUP under nohup", promise="the run goes on to its end")
-def hang_up_ignored(desk: Desk) -> Came:
+def hang_up_ignored(desk: Desk) -> FaultResult:
     """Close the session of a run that was told to stay."""
     matrix = waiting(desk)
     with measuring(desk.under("nohup"), matrix) as chain:
@@ -223,12 +225,12 @@ def hang_up_ignored(desk: Desk) -> Came:
 
 
 @fault("6b", section=KILLS, done="SIGHUP while the command is being loaded", promise="143 with a sentence, no crash")
-def hang_up_at_once(desk: Desk) -> Came:
+def hang_up_at_once(desk: Desk) -> FaultResult:
     """Close the session at once."""
     return at_once(desk, signal.SIGHUP)
 
 
-def supervisor_killed(desk: Desk, which: str, number: signal.Signals, sandbox: str = "") -> Came:
+def supervisor_killed(desk: Desk, which: str, number: signal.Signals, sandbox: str = "") -> FaultResult:
     """Kill guard or keeper, or both: the cell is inconclusive, its processes are gone, a rerun works."""
     matrix = waiting(desk)
     with measuring(desk, matrix, sandbox) as chain:
@@ -239,7 +241,7 @@ def supervisor_killed(desk: Desk, which: str, number: signal.Signals, sandbox: s
         ran = chain.end()
         left = [pid for pid in (chain.guard, chain.keeper, chain.probe) if command(pid)]
     came = desk.judged(ran, code={3}, hx={"inconclusive"}, says="supervisor")
-    return again(desk, matrix, Came(f"{came.what}; {len(left)} left", came.held and not left), sandbox)
+    return again(desk, matrix, FaultResult(f"{came.what}; {len(left)} left", came.held and not left), sandbox)
 
 
 for row, which, sandbox in (
@@ -251,7 +253,7 @@ for row, which, sandbox in (
     ("58p", "keeper guard", ""),
 ):
 
-    def killed(desk: Desk, which: str = which, sandbox: str = sandbox) -> Came:
+    def killed(desk: Desk, which: str = which, sandbox: str = sandbox) -> FaultResult:
         """Kill supervisors."""
         return supervisor_killed(desk, which, signal.SIGKILL, sandbox)
 
@@ -264,7 +266,7 @@ for row, which, sandbox in (
     )(killed)
 
 
-def shot(desk: Desk, times: int, sandbox: str = "") -> Came:
+def shot(desk: Desk, times: int, sandbox: str = "") -> FaultResult:
     """Kill the probe once, or each time that it comes so far."""
     matrix = waiting(desk)
     with measuring(desk, matrix, sandbox) as chain:
@@ -288,13 +290,13 @@ def shot(desk: Desk, times: int, sandbox: str = "") -> Came:
     done="SIGKILL of a probe, whenever it runs (earlyoom, systemd-oomd, an administrator)",
     promise="`inconclusive` with words, never blamed, not reused by the rerun",
 )
-def shoot_probe(desk: Desk) -> Came:
+def shoot_probe(desk: Desk) -> FaultResult:
     """Kill the probe twice."""
     return shot(desk, 2)
 
 
 @fault("12a", section=KILLS, done="SIGKILL of a probe, once", promise="it is run again and works")
-def shoot_probe_once(desk: Desk) -> Came:
+def shoot_probe_once(desk: Desk) -> FaultResult:
     """Kill the probe once."""
     return shot(desk, 1)
 
@@ -305,7 +307,7 @@ def shoot_probe_once(desk: Desk) -> Came:
     done="SIGKILL of a probe, whenever it runs, HARNESS_SANDBOX=subreaper",
     promise="`inconclusive` with words, never blamed, not reused by the rerun",
 )
-def shoot_probe_subreaper(desk: Desk) -> Came:
+def shoot_probe_subreaper(desk: Desk) -> FaultResult:
     """Kill the probe twice where there are no namespaces."""
     return shot(desk, 2, "subreaper")
 
@@ -317,7 +319,7 @@ def shoot_probe_subreaper(desk: Desk) -> Came:
     promise="`inconclusive` or `works`, the package is not blamed",
     limit=180,
 )
-def shoot_workers(desk: Desk) -> Came:
+def shoot_workers(desk: Desk) -> FaultResult:
     """Kill the workers of a vector environment as they come."""
     top = "import multiprocessing"
     make = """
@@ -329,13 +331,13 @@ if multiprocessing.parent_process():
     with desk.started("run", matrix, "-k", "*-hx", "--json") as harness:
         until = time.monotonic() + 120
         while harness.poll() is None and time.monotonic() < until:
-            for probe in [pid for pid in below(harness.pid) if "bootstrap.py" in command(pid)]:
+            for probe in [pid for pid in find_descendants(harness.pid) if "bootstrap.py" in command(pid)]:
                 if (desk.folder / "worker").exists():
-                    for child in below(probe)[:1]:
+                    for child in find_descendants(probe)[:1]:
                         os.kill(child, signal.SIGKILL)
             time.sleep(0.1)
         out, err = harness.communicate()
-    desk.ran.append(Ran(code=harness.returncode, out=out, err=err))
+    desk.ran.append(CommandResult(code=harness.returncode, out=out, err=err))
     return desk.judged(desk.ran[-1], code={0, 3}, hx={"inconclusive", "works"})
 
 
@@ -345,7 +347,7 @@ if multiprocessing.parent_process():
     done="SIGKILL of the build of an sdist, each time, by something outside",
     promise="`inconclusive` with words, not `uninstallable`; a rerun works",
 )
-def shoot_build(desk: Desk) -> Came:
+def shoot_build(desk: Desk) -> FaultResult:
     """Kill a build as often as it is tried."""
     return killed_build(desk, WAITING.format(reached=str(desk.folder / "reached"), gate=str(desk.folder / "gate")))
 
@@ -356,7 +358,7 @@ def shoot_build(desk: Desk) -> Came:
     done="a build kills itself by SIGKILL",
     promise="`inconclusive` with words: nobody can tell it from a build that was killed",
 )
-def build_kills_itself(desk: Desk) -> Came:
+def build_kills_itself(desk: Desk) -> FaultResult:
     """Kill the build from within."""
     matrix = sdist_matrix(desk, "os.kill(os.getpid(), 9)")
     return desk.judged(desk.measure(matrix), code={3}, hx={"inconclusive"}, neighbour={"works"}, says=OUTSIDE)
@@ -377,25 +379,25 @@ def indented(text: str) -> str:
     return "\n".join(f"    {line}" for line in text.strip().splitlines())
 
 
-def killed_build(desk: Desk, deed: str) -> Came:
+def killed_build(desk: Desk, deed: str) -> FaultResult:
     """Kill a build whenever it waits, then let it go on."""
     matrix = sdist_matrix(desk, deed)
     reached = desk.folder / "reached"
     with desk.started("run", matrix, "-k", "*-hx", "--json") as harness:
         while harness.poll() is None:
             if reached.exists():
-                builds = [pid for pid in below(harness.pid) if "_in_process" in command(pid)]
+                builds = [pid for pid in find_descendants(harness.pid) if "_in_process" in command(pid)]
                 for pid in builds:
                     os.kill(pid, signal.SIGKILL)
                 if builds:
                     reached.unlink()
             time.sleep(0.05)
         out, err = harness.communicate()
-    desk.ran.append(Ran(code=harness.returncode, out=out, err=err))
+    desk.ran.append(CommandResult(code=harness.returncode, out=out, err=err))
     return again(desk, matrix, desk.judged(desk.ran[-1], code={3}, hx={"inconclusive"}, says=OUTSIDE))
 
 
-def stopped(desk: Desk, who: str, sandbox: str = "") -> Came:
+def stopped(desk: Desk, who: str, sandbox: str = "") -> FaultResult:
     """Stop guard or keeper: the limit of the check ends the cell all the same."""
     matrix = waiting(desk, case="timeouts = { single = 3 }")
     with measuring(desk, matrix, sandbox) as chain:
@@ -404,7 +406,7 @@ def stopped(desk: Desk, who: str, sandbox: str = "") -> Came:
         ran = chain.end()
     seconds = time.monotonic() - begun
     came = desk.judged(ran, hx={"broken"}, says="no end within")
-    return Came(f"{came.what}, after {seconds:.0f} s", came.held and seconds < 30)
+    return FaultResult(f"{came.what}, after {seconds:.0f} s", came.held and seconds < 30)
 
 
 for row, which, sandbox in (
@@ -414,7 +416,7 @@ for row, which, sandbox in (
     ("59g", "guard", "subreaper"),
 ):
 
-    def stop(desk: Desk, which: str = which, sandbox: str = sandbox) -> Came:
+    def stop(desk: Desk, which: str = which, sandbox: str = sandbox) -> FaultResult:
         """Stop a supervisor."""
         return stopped(desk, which, sandbox)
 
@@ -427,7 +429,7 @@ for row, which, sandbox in (
     )(stop)
 
 
-def stopped_then(desk: Desk, number: signal.Signals, code: int, sandbox: str = "") -> Came:
+def stopped_then(desk: Desk, number: signal.Signals, code: int, sandbox: str = "") -> FaultResult:
     """Stop the keeper, then end the command: it ends, and nothing stays."""
     with measuring(desk, waiting(desk), sandbox) as chain:
         os.kill(chain.keeper, signal.SIGSTOP)
@@ -440,7 +442,7 @@ def stopped_then(desk: Desk, number: signal.Signals, code: int, sandbox: str = "
         time.monotonic() < until
     ):
         time.sleep(0.1)
-    return Came(
+    return FaultResult(
         f"exit {ran.code} after {seconds:.0f} s, {len(left)} left", ran.code == code and seconds < 30 and not left
     )
 
@@ -448,13 +450,13 @@ def stopped_then(desk: Desk, number: signal.Signals, code: int, sandbox: str = "
 @fault(
     "13t", section=KILLS, done="SIGSTOP of the keeper, then SIGTERM of `run`", promise="143 within 30 s, nothing stays"
 )
-def stop_keeper_then_terminate(desk: Desk) -> Came:
+def stop_keeper_then_terminate(desk: Desk) -> FaultResult:
     """End a run whose keeper is stopped."""
     return stopped_then(desk, signal.SIGTERM, 143)
 
 
 @fault("13k", section=KILLS, done="SIGSTOP of the keeper, then SIGKILL of `run`", promise="nothing stays")
-def stop_keeper_then_kill(desk: Desk) -> Came:
+def stop_keeper_then_kill(desk: Desk) -> FaultResult:
     """Kill a run whose keeper is stopped."""
     return stopped_then(desk, signal.SIGKILL, -9)
 
@@ -465,23 +467,25 @@ def stop_keeper_then_kill(desk: Desk) -> Came:
     done="SIGSTOP of the keeper, then SIGKILL of `run`, HARNESS_SANDBOX=subreaper",
     promise="nothing stays",
 )
-def stop_keeper_then_kill_subreaper(desk: Desk) -> Came:
+def stop_keeper_then_kill_subreaper(desk: Desk) -> FaultResult:
     """Kill a run whose keeper is stopped, where there are no namespaces."""
     return stopped_then(desk, signal.SIGKILL, -9, "subreaper")
 
 
 @fault("14", section=KILLS, done="SIGTSTP, SIGCONT, then SIGTERM of `run`", promise="143")
-def suspend_then_terminate(desk: Desk) -> Came:
+def suspend_then_terminate(desk: Desk) -> FaultResult:
     """Suspend the command before it is ended."""
     with measuring(desk, waiting(desk)) as chain:
         for number in (signal.SIGTSTP, signal.SIGTERM, signal.SIGCONT):
             chain.harness.send_signal(number)
             time.sleep(0.1)
         ran = chain.end()
-    return Came(f"exit {ran.code}", ran.code == 143)
+    return FaultResult(f"exit {ran.code}", ran.code == 143)
 
 
-def hostile(desk: Desk, verdicts: set[str], step: str, sandbox: str = "", says: str = "", case: str = "") -> Came:
+def hostile(
+    desk: Desk, verdicts: set[str], step: str, sandbox: str = "", says: str = "", case: str = ""
+) -> FaultResult:
     """Measure a cell whose step does something to processes, and its neighbour."""
     case = ", ".join(filter(None, ["timeouts = { single = 5 }", case]))
     matrix = desk.hostile(checks=("single",), step=step, case=case, top="import signal")
@@ -490,19 +494,19 @@ def hostile(desk: Desk, verdicts: set[str], step: str, sandbox: str = "", says: 
 
 
 @fault("35", section=PROBES, done="os._exit(0) in step()", promise="`broken`, never `works`")
-def leave_with_success(desk: Desk) -> Came:
+def leave_with_success(desk: Desk) -> FaultResult:
     """Leave without a word."""
     return hostile(desk, {"broken"}, "os._exit(0)")
 
 
 @fault("35e", section=PROBES, done="execve of /bin/true in step()", promise="`broken`, never `works`")
-def become_another(desk: Desk) -> Came:
+def become_another(desk: Desk) -> FaultResult:
     """Turn into another program."""
     return hostile(desk, {"broken"}, "os.execv('/bin/true', ['true'])")
 
 
 @fault("55", section=PROBES, done="200 daemons by double fork that ignore SIGTERM", promise="none outlives the cell")
-def daemons(desk: Desk) -> Came:
+def daemons(desk: Desk) -> FaultResult:
     """Leave processes behind that escape their group."""
     step = """
 if not getattr(self, "left", False):
@@ -520,13 +524,13 @@ if not getattr(self, "left", False):
 
 
 @fault("56", section=PROBES, done="a probe stops itself", promise="it times out")
-def stop_itself(desk: Desk) -> Came:
+def stop_itself(desk: Desk) -> FaultResult:
     """Stop oneself."""
     return hostile(desk, {"broken"}, "os.kill(os.getpid(), signal.SIGSTOP)", says="no end within")
 
 
 @fault("56a", section=PROBES, done="kill(-1, SIGTERM) by a probe", promise="it reaches nothing but itself")
-def kill_all(desk: Desk) -> Came:
+def kill_all(desk: Desk) -> FaultResult:
     """Signal everybody."""
     step = "signal.signal(signal.SIGTERM, signal.SIG_IGN); os.kill(-1, signal.SIGTERM)"
     return hostile(desk, {"works", "broken"}, step)
@@ -544,7 +548,7 @@ except PermissionError:
 
 for row, number, sandbox in (("56p", 9, ""), ("57", 9, "subreaper"), ("56s", 19, ""), ("57s", 19, "subreaper")):
 
-    def strike(desk: Desk, number: int = number, sandbox: str = sandbox) -> Came:
+    def strike(desk: Desk, number: int = number, sandbox: str = sandbox) -> FaultResult:
         """Send the parent a signal."""
         return hostile(desk, {"works", "inconclusive"}, at_parent(number), sandbox)
 
@@ -559,17 +563,17 @@ for row, number, sandbox in (("56p", 9, ""), ("57", 9, "subreaper"), ("56s", 19,
 
 
 @fault("8k", section=KILLS, done="SIGKILL of uv while it resolves", promise="`inconclusive`, a rerun works")
-def kill_uv(desk: Desk) -> Came:
+def kill_uv(desk: Desk) -> FaultResult:
     """Kill uv as often as it is seen."""
     matrix = desk.hostile(checks=("single",))
     with desk.started("run", matrix, "--json") as harness:
         while harness.poll() is None:
-            for pid in below(harness.pid):
+            for pid in find_descendants(harness.pid):
                 if command(pid).partition("\0")[0].endswith("/uv"):
                     os.kill(pid, signal.SIGKILL)
             time.sleep(0.001)
         out, err = harness.communicate()
-    desk.ran.append(Ran(code=harness.returncode, out=out, err=err))
+    desk.ran.append(CommandResult(code=harness.returncode, out=out, err=err))
     first = desk.judged(desk.ran[-1], hx={"inconclusive", "works"}, neighbour={"inconclusive", "works"})
     came = desk.judged(desk.measure(matrix), code={0}, hx={"works"}, neighbour={"works"})
-    return Came(f"{first.what}; once more: {came.what}", first.held and came.held)
+    return FaultResult(f"{first.what}; once more: {came.what}", first.held and came.held)

@@ -6,7 +6,7 @@ import os
 import subprocess
 from pathlib import Path
 
-from benchmarks.faults import Came, Desk, Unavailable, fault
+from benchmarks.faults import Desk, FaultResult, Unavailable, fault
 from benchmarks.faults.processes import sdist_matrix
 
 PROBES, BUILDS, MACHINE = "hostile probes", "wheels and builds", "whose fault"
@@ -32,7 +32,7 @@ assert not foreign, "inherited " + ", ".join(foreign)
 LIBC = "import ctypes\nlibc = ctypes.CDLL(None, use_errno=True)"
 
 
-def looked(desk: Desk, sandbox: str = "") -> Came:
+def looked(desk: Desk, sandbox: str = "") -> FaultResult:
     """Look for a token of the caller wherever a probe can look; it fails where it finds one."""
     matrix = desk.hostile(checks=("single",), step=LOOK)
     ran = desk.measure(matrix, TOKEN=CANARY, HARNESS_SANDBOX=sandbox)
@@ -46,7 +46,7 @@ for row, sandbox, nobody in (
     ("65x", "subreaper", True),
 ):
 
-    def look(desk: Desk, sandbox: str = sandbox, nobody: bool = nobody) -> Came:
+    def look(desk: Desk, sandbox: str = sandbox, nobody: bool = nobody) -> FaultResult:
         """Look for a token."""
         return looked(desk.as_nobody() if nobody else desk, sandbox)
 
@@ -64,7 +64,7 @@ for row, sandbox, nobody in (
 @fault(
     "66", section=BUILDS, done="a build searches all of /proc for a token of the caller", promise="nowhere to be seen"
 )
-def build_looks(desk: Desk) -> Came:
+def build_looks(desk: Desk) -> FaultResult:
     """Look for a token in a build."""
     matrix = sdist_matrix(desk, "import glob\n" + LOOK)
     return desk.judged(desk.measure(matrix, TOKEN=CANARY), code={0}, hx={"works"}, neighbour={"works"})
@@ -76,7 +76,7 @@ def build_looks(desk: Desk) -> Came:
     done="a build searches all of /proc for a token of the caller, HARNESS_SANDBOX=subreaper",
     promise="nowhere to be seen",
 )
-def build_looks_subreaper(desk: Desk) -> Came:
+def build_looks_subreaper(desk: Desk) -> FaultResult:
     """Look for a token in a build without namespaces."""
     matrix = sdist_matrix(desk, "import glob\n" + LOOK)
     ran = desk.measure(matrix, TOKEN=CANARY, HARNESS_SANDBOX="subreaper")
@@ -84,21 +84,21 @@ def build_looks_subreaper(desk: Desk) -> Came:
 
 
 @fault("65d", section=PROBES, done="a probe lists its descriptors", promise="it has inherited none but its output")
-def descriptors(desk: Desk) -> Came:
+def descriptors(desk: Desk) -> FaultResult:
     """Look for inherited descriptors."""
     ran = desk.measure(desk.hostile(checks=("single",), top=DESCRIPTORS))
     return desk.judged(ran, code={0}, hx={"works"}, neighbour={"works"})
 
 
 @fault("67", section=PROBES, done="a probe, as root, unmounts /proc to see the machine's", promise="refused")
-def unmount_proc(desk: Desk) -> Came:
+def unmount_proc(desk: Desk) -> FaultResult:
     """Take /proc away."""
     step = "assert libc.umount2(b'/proc', 2) == -1, 'unmounted'\nassert len(glob.glob('/proc/[0-9]*')) < 5"
     ran = desk.measure(desk.hostile(checks=("single",), top=LIBC, step=step))
     return desk.judged(ran, code={0}, hx={"works"}, neighbour={"works"})
 
 
-def unsealed(desk: Desk, sandbox: str = "") -> Came:
+def unsealed(desk: Desk, sandbox: str = "") -> FaultResult:
     """Take the layer over the environment away and write below it: the real one stays as it is."""
     top = f"""
 {LIBC}
@@ -113,16 +113,16 @@ for path in (environment + "/pwned", fake_healthy.__file__):
         pass
 """
     ran = desk.measure(desk.hostile(checks=("single",), top=top), HARNESS_SANDBOX=sandbox)
-    kept = [path for path in desk.cache.rglob("*") if path.name == "pwned"]
-    kept += [path for path in desk.cache.rglob("fake_healthy.py") if "pwned" in path.read_text()]
+    changed_files = [path for path in desk.cache.rglob("*") if path.name == "pwned"]
+    changed_files += [path for path in desk.cache.rglob("fake_healthy.py") if "pwned" in path.read_text()]
     came = desk.judged(ran, hx={"works"}, neighbour={"works"})
-    return Came(f"{came.what}; {len(kept)} files of the cache changed", came.held and not kept)
+    return FaultResult(f"{came.what}; {len(changed_files)} files of the cache changed", came.held and not changed_files)
 
 
 @fault(
     "68", section=PROBES, done="a probe, as root, unmounts the sealed layer and writes", promise="the cache stays whole"
 )
-def unmount_layer(desk: Desk) -> Came:
+def unmount_layer(desk: Desk) -> FaultResult:
     """Take the layer away as root."""
     return unsealed(desk)
 
@@ -133,7 +133,7 @@ def unmount_layer(desk: Desk) -> Came:
     done="a probe, as nobody, unmounts the sealed layer and writes",
     promise="the cache stays whole",
 )
-def unmount_layer_of_nobody(desk: Desk) -> Came:
+def unmount_layer_of_nobody(desk: Desk) -> FaultResult:
     """Take the layer away without privileges."""
     return unsealed(desk.as_nobody())
 
@@ -144,7 +144,7 @@ def unmount_layer_of_nobody(desk: Desk) -> Came:
     done="a probe remounts, unshares and mounts: whatever gives a capability back",
     promise="no capability that reaches the machine comes back",
 )
-def regain(desk: Desk) -> Came:
+def regain(desk: Desk) -> FaultResult:
     """Ask for rights again."""
     step = """
 with open("/proc/self/status") as file:
@@ -158,7 +158,7 @@ assert libc.mount(b"none", b"/proc", b"tmpfs", 0, b"") == -1
 
 
 @fault("75", section=PROBES, done="a probe, as root, writes garbage into the descriptors of pid 1", promise="refused")
-def pipe_of_the_keeper(desk: Desk) -> Came:
+def pipe_of_the_keeper(desk: Desk) -> FaultResult:
     """Write into the keeper's pipes."""
     step = """
 import marshal
@@ -189,20 +189,20 @@ def objects() -> set[str]:
     return {kind + row.split()[1] for kind in kinds for row in Path("/proc/sysvipc", kind).read_text().splitlines()}
 
 
-def left_objects(desk: Desk, sandbox: str = "", **variables: str) -> Came:
+def left_objects(desk: Desk, sandbox: str = "", **variables: str) -> FaultResult:
     """Leave System V objects: none is there after the run."""
     before = objects()
     more = f"environment = {{ DISPLAY = {variables.pop('display')!r} }}" if "display" in variables else ""
     matrix = desk.hostile(checks=("single",), top=OBJECTS, more=more)
     came = desk.judged(desk.measure(matrix, HARNESS_SANDBOX=sandbox), hx={"works"}, neighbour={"works"})
     left = objects() - before
-    return Came(f"{came.what}; {len(left)} objects left", came.held and not left)
+    return FaultResult(f"{came.what}; {len(left)} objects left", came.held and not left)
 
 
 @fault(
     "60", section=PROBES, done="System V shared memory, semaphores, a queue are made", promise="they end with the probe"
 )
-def system_v(desk: Desk) -> Came:
+def system_v(desk: Desk) -> FaultResult:
     """Leave System V objects."""
     return left_objects(desk)
 
@@ -213,7 +213,7 @@ def system_v(desk: Desk) -> Came:
     done="System V shared memory, semaphores, a queue are made and used, HARNESS_SANDBOX=subreaper",
     promise="they end with the probe",
 )
-def system_v_subreaper(desk: Desk) -> Came:
+def system_v_subreaper(desk: Desk) -> FaultResult:
     """Leave System V objects where there are no namespaces."""
     return left_objects(desk, "subreaper")
 
@@ -224,12 +224,12 @@ def system_v_subreaper(desk: Desk) -> Came:
     done="System V objects are made by a probe with a display, which shares them with the X server",
     promise="they end with the probe",
 )
-def system_v_display(desk: Desk) -> Came:
+def system_v_display(desk: Desk) -> FaultResult:
     """Leave System V objects with a display."""
     return left_objects(desk, display=":99")
 
 
-def hungry(desk: Desk, deed: str, verdicts: set[str], says: str = "", sandbox: str = "") -> Came:
+def hungry(desk: Desk, deed: str, verdicts: set[str], says: str = "", sandbox: str = "") -> FaultResult:
     """Take memory in one way or another, with `memory_mb = 400`."""
     matrix = desk.hostile(checks=("single",), step=deed, case="memory_mb = 400, timeouts = { single = 20 }")
     ran = desk.measure(matrix, HARNESS_SANDBOX=sandbox)
@@ -251,14 +251,14 @@ TOO_MUCH = "`memory_mb` of the case raises that"
     done="/dev/shm is filled with 1 GB, `memory_mb = 400`",
     promise="`inconclusive`, within bounds",
 )
-def fill_shared_memory(desk: Desk) -> Came:
+def fill_shared_memory(desk: Desk) -> FaultResult:
     """Fill /dev/shm."""
     deed = "with open('/dev/shm/hog', 'wb') as file:\n    for _ in range(100): file.write(bytes(10 << 20))"
     return hungry(desk, deed, {"inconclusive"})
 
 
 @fault("62", section=PROBES, done="900 MB in a memfd, `memory_mb = 400`", promise="ended, with the key that raises it")
-def memfd(desk: Desk) -> Came:
+def memfd(desk: Desk) -> FaultResult:
     """Take memory without a page of one's own."""
     return hungry(desk, MEMFD, {"inconclusive"}, TOO_MUCH)
 
@@ -269,19 +269,19 @@ def memfd(desk: Desk) -> Came:
     done="900 MB in a memfd, `memory_mb = 400`, HARNESS_SANDBOX=subreaper",
     promise="ended, with the key that raises it",
 )
-def memfd_subreaper(desk: Desk) -> Came:
+def memfd_subreaper(desk: Desk) -> FaultResult:
     """Take memory without a page of one's own, where there are no namespaces."""
     return hungry(desk, MEMFD, {"inconclusive"}, TOO_MUCH, "subreaper")
 
 
 @fault("63", section=PROBES, done="900 MB on the heap, `memory_mb = 400`", promise="ended, with the key that raises it")
-def heap(desk: Desk) -> Came:
+def heap(desk: Desk) -> FaultResult:
     """Take memory."""
     return hungry(desk, "hog = bytearray(b'x') * (900 << 20); time.sleep(3)", {"inconclusive"}, TOO_MUCH)
 
 
 @fault("62r", section=PROBES, done="64 GB of addresses are reserved, `memory_mb = 400`", promise="`works`")
-def reserve(desk: Desk) -> Came:
+def reserve(desk: Desk) -> FaultResult:
     """Reserve addresses without using them."""
     deed = "import mmap; mmap.mmap(-1, 64 << 30, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | 0x4000).close()"
     return hungry(desk, deed, {"works"})
@@ -290,7 +290,7 @@ def reserve(desk: Desk) -> Came:
 @fault(
     "76", section=PROBES, done="RLIMIT_FSIZE of 10 bytes is set by the package", promise="its own doing, never `works`"
 )
-def limit_files(desk: Desk) -> Came:
+def limit_files(desk: Desk) -> FaultResult:
     """Forbid oneself to write."""
     top = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))"
     ran = desk.measure(desk.hostile(checks=("single",), top=top))
@@ -303,7 +303,7 @@ def limit_files(desk: Desk) -> Came:
     done="a package raises RuntimeError('No space left on device in the buffer') with room on every disk",
     promise="its own failure: `broken`",
 )
-def full_buffer(desk: Desk) -> Came:
+def full_buffer(desk: Desk) -> FaultResult:
     """Speak of a full disk."""
     ran = desk.measure(
         desk.hostile(checks=("single",), step="raise RuntimeError('No space left on device in the buffer')")
@@ -317,7 +317,7 @@ def full_buffer(desk: Desk) -> Came:
     done="a package raises OSError(ENOSPC) itself",
     promise="`inconclusive`: it cannot be told from a call that failed",
 )
-def made_up_errno(desk: Desk) -> Came:
+def made_up_errno(desk: Desk) -> FaultResult:
     """Raise what the system raises."""
     ran = desk.measure(desk.hostile(checks=("single",), step="raise OSError(28, os.strerror(28))"))
     return desk.judged(ran, code={3}, hx={"inconclusive"}, neighbour={"works"})
@@ -329,7 +329,7 @@ def made_up_errno(desk: Desk) -> Came:
     done="a build prints 'Read-only file system' and fails by something else",
     promise="its own failure: `uninstallable`",
 )
-def build_mentions(desk: Desk) -> Came:
+def build_mentions(desk: Desk) -> FaultResult:
     """Mention a trouble of the machine in a build."""
     deed = "print('warning: Read-only file system, no cache', flush=True)\nraise ValueError('no such header')"
     ran = desk.measure(sdist_matrix(desk, deed))
@@ -345,7 +345,7 @@ block.unlink()
 """
 
 
-def without_shm(desk: Desk, verdicts: set[str], sandbox: str = "") -> Came:
+def without_shm(desk: Desk, verdicts: set[str], sandbox: str = "") -> FaultResult:
     """Measure on a machine whose /dev has no `shm`."""
     hidden = desk.folder / "dev"
     hidden.mkdir()
@@ -355,7 +355,7 @@ def without_shm(desk: Desk, verdicts: set[str], sandbox: str = "") -> Came:
     subprocess.run(["mount", "--move", str(hidden), "/dev"], check=True)
     matrix = desk.hostile(checks=("single",), step=USES_SHM)
     came = desk.judged(desk.measure(matrix, HARNESS_SANDBOX=sandbox), hx=verdicts, neighbour={"works"})
-    return Came(
+    return FaultResult(
         f"{came.what}; /dev has {len(list(Path('/dev').iterdir()))} entries",
         came.held and not Path("/dev/shm").exists(),
     )
@@ -369,7 +369,7 @@ def needs_root() -> None:
 
 
 @fault("127", section=MACHINE, done="/dev/shm is missing", promise="the probe has one all the same: `works`")
-def no_shared_memory(desk: Desk) -> Came:
+def no_shared_memory(desk: Desk) -> FaultResult:
     """Hide /dev/shm."""
     needs_root()
     return without_shm(desk, {"works"})
@@ -381,7 +381,7 @@ def no_shared_memory(desk: Desk) -> Came:
     done="/dev/shm is missing, HARNESS_SANDBOX=subreaper",
     promise="`inconclusive`, the package is not blamed",
 )
-def no_shared_memory_subreaper(desk: Desk) -> Came:
+def no_shared_memory_subreaper(desk: Desk) -> FaultResult:
     """Hide /dev/shm where no namespace supplies one."""
     needs_root()
     return without_shm(desk, {"inconclusive"}, "subreaper")
@@ -393,7 +393,7 @@ def no_shared_memory_subreaper(desk: Desk) -> Came:
     done="/dev/shm is read-only, HARNESS_SANDBOX=subreaper",
     promise="`inconclusive` or `works`",
 )
-def read_only_shared_memory(desk: Desk) -> Came:
+def read_only_shared_memory(desk: Desk) -> FaultResult:
     """Let nobody write to /dev/shm."""
     needs_root()
     subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "none", "/dev/shm"], check=True)
@@ -419,7 +419,7 @@ def group(kind: str, limit: str, value: str) -> Path:
     return folder
 
 
-def grouped(desk: Desk, folder: Path, verdicts: set[str], step: str = "pass", says: str = "") -> Came:
+def grouped(desk: Desk, folder: Path, verdicts: set[str], step: str = "pass", says: str = "") -> FaultResult:
     """Measure within a control group."""
     enter = ("sh", "-c", f'echo $$ > {folder}/cgroup.procs && exec "$@"', "sh")
     matrix = desk.hostile(checks=("single",), step=step)
@@ -437,20 +437,20 @@ def grouped(desk: Desk, folder: Path, verdicts: set[str], step: str = "pass", sa
     promise="`inconclusive`, and the line names the control group, not `memory_mb`",
     limit=240,
 )
-def small_group(desk: Desk) -> Came:
+def small_group(desk: Desk) -> FaultResult:
     """Run where the control group is the limit."""
     folder = group("memory", "memory.limit_in_bytes", str(200 << 20))
     return grouped(desk, folder, {"inconclusive"}, "hog = bytearray(b'x') * (400 << 20)", "control group")
 
 
 @fault("129g", section=MACHINE, done="a memory control group of 200 MB", promise="`works`", limit=240)
-def enough_in_the_group(desk: Desk) -> Came:
+def enough_in_the_group(desk: Desk) -> FaultResult:
     """Run where there is just enough."""
     return grouped(desk, group("memory", "memory.limit_in_bytes", str(200 << 20)), {"works"})
 
 
 @fault("131g", section=MACHINE, done="a pids control group of 8", promise="`inconclusive` or `works`, nobody is blamed")
-def few_processes(desk: Desk) -> Came:
+def few_processes(desk: Desk) -> FaultResult:
     """Run where hardly a process may be started."""
     return grouped(desk, group("pids", "pids.max", "8"), {"inconclusive", "works"})
 
@@ -459,17 +459,19 @@ LIMITS = {"n": "--nofile=40", "cpu": "--cpu=60", "nproc": "--nproc=4096", "fsize
 
 
 @fault("132u", section=MACHINE, done="ulimits on files, time, processes, sizes", promise="the same verdicts", limit=300)
-def limits(desk: Desk) -> Came:
+def limits(desk: Desk) -> FaultResult:
     """Run under limits, one after the other."""
-    matrix, told = desk.hostile(checks=("single",)), []
+    matrix, results = desk.hostile(checks=("single",)), []
     for name, option in LIMITS.items():
         came = desk.judged(desk.under("prlimit", option).measure(matrix, "--fresh"), hx={"works"}, neighbour={"works"})
-        told.append((name, came))
-    return Came("; ".join(f"{name}: {came.what}" for name, came in told), all(came.held for _, came in told))
+        results.append((name, came))
+    return FaultResult(
+        "; ".join(f"{name}: {came.what}" for name, came in results), all(came.held for _, came in results)
+    )
 
 
 @fault("132h", section=MACHINE, done="env -i with nothing but PATH, without HOME", promise="the same verdicts")
-def no_home(desk: Desk) -> Came:
+def no_home(desk: Desk) -> FaultResult:
     """Run with an almost empty environment."""
     matrix = desk.hostile(checks=("single",))
     bare = desk.under("env", "-i", f"PATH={os.environ['PATH']}", f"TMPDIR={desk.scratch}", "HARNESS_CONTROLS=")
@@ -482,7 +484,7 @@ def no_home(desk: Desk) -> Came:
     done="root without CAP_SYS_ADMIN, as in a plain container",
     promise="another sandbox is taken: `works`",
 )
-def plain_container(desk: Desk) -> Came:
+def plain_container(desk: Desk) -> FaultResult:
     """Run as root that may mount nothing."""
     needs_root()
     dropped = "-sys_admin,-sys_ptrace,-setpcap,-setfcap"
@@ -497,7 +499,7 @@ def plain_container(desk: Desk) -> Came:
     done="a build leaves 50 daemons and System V objects",
     promise="none outlives it",
 )
-def build_leaves(desk: Desk) -> Came:
+def build_leaves(desk: Desk) -> FaultResult:
     """Leave things behind in a build."""
     before = objects()
     deed = """
@@ -510,4 +512,4 @@ for _ in range(50):
 """
     came = desk.judged(desk.measure(sdist_matrix(desk, deed)), hx={"works"}, neighbour={"works"})
     left = objects() - before
-    return Came(f"{came.what}; {len(left)} objects left", came.held and not left)
+    return FaultResult(f"{came.what}; {len(left)} objects left", came.held and not left)

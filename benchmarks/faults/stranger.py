@@ -6,8 +6,8 @@ import time
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler
 
-from benchmarks.faults import Came, Desk, fault
-from benchmarks.faults.indexes import PAGE, SECTION, on, opened
+from benchmarks.faults import Desk, FaultResult, fault
+from benchmarks.faults.indexes import PAGE, SECTION, on, serve_index
 
 SOON = 10
 """Seconds within which a command that is asked to end has ended."""
@@ -31,21 +31,21 @@ def drip(handler: BaseHTTPRequestHandler) -> None:
     promise="SIGTERM ends the run within seconds; left alone, it ends inconclusive",
     limit=300,
 )
-def dripping_index(desk: Desk) -> Came:
+def dripping_index(desk: Desk) -> FaultResult:
     """End a run that waits for the page; run it again to its end."""
-    with opened(desk) as (index, text):
+    with serve_index(desk) as (index, text):
         matrix = desk.matrix("m", text)
         index.trouble = on(PAGE, drip)
         with desk.started("run", matrix, UV_HTTP_TIMEOUT="5") as process:
             while not index.asked:
                 time.sleep(0.1)
             time.sleep(1)
-            asked = time.monotonic()
+            signal_time = time.monotonic()
             process.terminate()
             code = process.wait(60)
-            took = time.monotonic() - asked
+            took = time.monotonic() - signal_time
         came = desk.judged(desk.measure(matrix, UV_HTTP_TIMEOUT="5"), code={3}, odd={"inconclusive"})
-    return Came(f"SIGTERM: {code} after {took:.0f} s; {came.what}", came.held and code == 143 and took < SOON)
+    return FaultResult(f"SIGTERM: {code} after {took:.0f} s; {came.what}", came.held and code == 143 and took < SOON)
 
 
 @fault(
@@ -55,14 +55,14 @@ def dripping_index(desk: Desk) -> Came:
     promise="one sentence, exit 2",
     limit=120,
 )
-def removed_working_folder(desk: Desk) -> Came:
+def removed_working_folder(desk: Desk) -> FaultResult:
     """Type two verbs in a folder that is gone."""
     matrix = desk.hostile()
     gone = desk.under("sh", "-c", 'mkdir gone && cd gone && rmdir ../gone && exec "$@"', "sh")
     ran = [gone.run("run", matrix), gone.run("doctor")]
-    told = [f"exit {one.code}: {one.err.strip()}" for one in ran]
+    parts = [f"exit {one.code}: {one.err.strip()}" for one in ran]
     held = all(one.code == 2 and one.err.count("\n") == 1 and "does not exist any more" in one.err for one in ran)
-    return Came("; ".join(told), held)
+    return FaultResult("; ".join(parts), held)
 
 
 @fault(
@@ -72,7 +72,7 @@ def removed_working_folder(desk: Desk) -> Came:
     promise="the report of a run is shown within seconds",
     limit=180,
 )
-def endless_columns(desk: Desk) -> Came:
+def endless_columns(desk: Desk) -> FaultResult:
     """Show a report again on a terminal of absurd width."""
     matrix = desk.hostile()
     desk.measure(matrix)
@@ -80,7 +80,7 @@ def endless_columns(desk: Desk) -> Came:
     ran = desk.run("run", matrix, COLUMNS="99999999", FORCE_COLOR="1")
     took = time.monotonic() - began
     longest = max(map(len, ran.out.splitlines()))
-    return Came(f"exit {ran.code}, {took:.0f} s", ran.code == 0 and took < SOON and longest < 5000)
+    return FaultResult(f"exit {ran.code}, {took:.0f} s", ran.code == 0 and took < SOON and longest < 5000)
 
 
 @fault(
@@ -90,7 +90,7 @@ def endless_columns(desk: Desk) -> Came:
     promise="into its own TMPDIR, never the machine's; its neighbour works",
     limit=120,
 )
-def removed_home(desk: Desk) -> Came:
+def removed_home(desk: Desk) -> FaultResult:
     """Remove nothing but the HOME, and only where it is below the desk."""
     matrix = desk.hostile(
         top="import shutil, tempfile",
@@ -105,4 +105,6 @@ def removed_home(desk: Desk) -> Came:
         """,
     )
     came = desk.judged(desk.measure(matrix), hx={"works", "broken", "inconclusive"}, neighbour={"works"})
-    return Came(came.what, came.held and "temporary files go" not in came.what and "not its own" not in came.what)
+    return FaultResult(
+        came.what, came.held and "temporary files go" not in came.what and "not its own" not in came.what
+    )

@@ -12,7 +12,7 @@ from typing import Any
 
 import wheelhouse
 
-from benchmarks.faults import Came, Desk, fault
+from benchmarks.faults import Desk, FaultResult, fault
 
 SECTION = "wheels and builds"
 INFO = "odd-1.0.dist-info"
@@ -33,7 +33,7 @@ IMPORTED = frozenset({"not_run"})
 Change = Callable[[Entries], Entries]
 
 
-def judged(desk: Desk, verdicts: frozenset[str], says: str = "") -> Came:
+def measure_odd(desk: Desk, verdicts: frozenset[str], says: str = "") -> FaultResult:
     """Measure the odd package; its line has to say so much."""
     matrix = desk.matrix("m", ODD.format(shelf=desk.shelf))
     return desk.judged(desk.measure(matrix), odd=set(verdicts), says=says)
@@ -263,10 +263,12 @@ def declare() -> None:
     """Declare a fault for each wheel and each sdist of the tables."""
     for name, (row, done, change, verdicts, says) in WHEELS.items():
 
-        def wheel(desk: Desk, change: Change = change, verdicts: frozenset[str] = verdicts, says: str = says) -> Came:
+        def wheel(
+            desk: Desk, change: Change = change, verdicts: frozenset[str] = verdicts, says: str = says
+        ) -> FaultResult:
             """Install a wheel of the table."""
             changed(desk, change)
-            return judged(desk, verdicts, says)
+            return measure_odd(desk, verdicts, says)
 
         wheel.__name__ = f"wheel_{name}"
         fault(
@@ -277,10 +279,10 @@ def declare() -> None:
         )(wheel)
     for name, (row, done, member, says) in MEMBERS.items():
 
-        def source(desk: Desk, member: tuple[str, bytes, Mapping[str, Any]] = member, says: str = says) -> Came:
+        def source(desk: Desk, member: tuple[str, bytes, Mapping[str, Any]] = member, says: str = says) -> FaultResult:
             """Build an sdist of the table."""
             sdist(desk, member)
-            return judged(desk, UNINSTALLABLE, says)
+            return measure_odd(desk, UNINSTALLABLE, says)
 
         source.__name__ = f"sdist_{name}"
         fault(row, section=SECTION, done=f"an sdist: {done}", promise="its cell is uninstallable")(source)
@@ -296,25 +298,25 @@ declare()
     promise="inconclusive: nobody's fault",
     limit=200,
 )
-def broken_archive(desk: Desk) -> Came:
+def broken_archive(desk: Desk) -> FaultResult:
     """Serve what is no wheel."""
     wheel = desk.shelve({"odd.py": ""}, name="odd")
     whole = wheel.read_bytes()
     came = []
     for content in (whole[: len(whole) // 2], b"\xff" * 3000, b"<html>log in</html>"):
         wheel.write_bytes(content)
-        came.append(judged(desk, frozenset({"inconclusive"})))
-    return Came("; ".join(one.what for one in came), all(one.held for one in came))
+        came.append(measure_odd(desk, frozenset({"inconclusive"})))
+    return FaultResult("; ".join(one.what for one in came), all(one.held for one in came))
 
 
 @fault("78h", section=SECTION, done="an sdist has nothing to build at its top", promise="its cell is uninstallable")
-def empty_sdist(desk: Desk) -> Came:
+def empty_sdist(desk: Desk) -> FaultResult:
     """Leave out what makes a project one."""
     raw = io.BytesIO()
     with tarfile.open(fileobj=raw, mode="w") as archive:
         archive.addfile(tarfile.TarInfo("odd-1.0/README"), io.BytesIO())
     (desk.shelf / "odd-1.0.tar.gz").write_bytes(gzip.compress(raw.getvalue()))
-    return judged(desk, UNINSTALLABLE, "does not appear to be a Python project")
+    return measure_odd(desk, UNINSTALLABLE, "does not appear to be a Python project")
 
 
 def building(desk: Desk, *deed: str) -> None:
@@ -331,10 +333,10 @@ def building(desk: Desk, *deed: str) -> None:
     promise="uninstallable, and the line says how it died",
     limit=200,
 )
-def aborting_build(desk: Desk) -> Came:
+def aborting_build(desk: Desk) -> FaultResult:
     """End the build by a signal of its own."""
     building(desk, "import os", "os.abort()")
-    return judged(desk, UNINSTALLABLE, "killed by SIGABRT")
+    return measure_odd(desk, UNINSTALLABLE, "killed by SIGABRT")
 
 
 @fault(
@@ -344,14 +346,14 @@ def aborting_build(desk: Desk) -> Came:
     promise="nothing of it is there afterwards",
     limit=200,
 )
-def writing_build(desk: Desk) -> Came:
+def writing_build(desk: Desk) -> FaultResult:
     """Write wherever the harness keeps something, from a build."""
     places = [str(desk.cache), str(desk.cache / "wheels"), str(desk.cache / "uv"), str(desk.state)]
     writing = ("try: open(place + '/hx_pwned', 'w').close()", "except OSError: print('refused', place)")
     building(desk, f"for place in {places}:", *(f"    {line}" for line in writing))
-    came = judged(desk, IMPORTED)
+    came = measure_odd(desk, IMPORTED)
     left = [path for folder in (desk.cache, desk.state) for path in folder.rglob("hx_pwned")]
-    return Came(f"{came.what}; left behind: {len(left)} files", came.held and not left)
+    return FaultResult(f"{came.what}; left behind: {len(left)} files", came.held and not left)
 
 
 @fault(
@@ -361,7 +363,7 @@ def writing_build(desk: Desk) -> Came:
     promise="it works, or its line says what is too large",
     limit=200,
 )
-def bomb(desk: Desk) -> Came:
+def bomb(desk: Desk) -> FaultResult:
     """Install a file of zeros."""
     changed(desk, lambda entries: entries | {"zeros": bytes(600 << 20)})
-    return judged(desk, IMPORTED | {"uninstallable", "inconclusive"})
+    return measure_odd(desk, IMPORTED | {"uninstallable", "inconclusive"})

@@ -18,7 +18,7 @@ from harness.machine.store import Store
 from harness.matrix import plan
 from harness.model import Case, Cell, Outcome, Phase, Subject
 from harness.model.errors import HarnessError
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.model.vocabulary import HOST
 from harness.packages import package_under_test
 from harness.probes import launch
@@ -98,7 +98,7 @@ class Scout:
         return self._nothing_runs(listed)
 
     def _found(self, listed: _Listed, cases: Sequence[Drafted], extras: tuple[str, ...]) -> FirstCases:
-        notes = [f"The package has {number(len(listed.found), 'environment')}; each can be a case of its own."]
+        notes = [f"The package has {format_count(len(listed.found), 'environment')}; each can be a case of its own."]
         if extras:
             notes.append(f"None of them runs without an extra; these run with {', '.join(extras)}.")
         notes += [f"{env} was tried and left out: {why}" for env, why in list(self.tried.items())[:ENOUGH]]
@@ -115,8 +115,8 @@ class Scout:
             notes.append(f"{', '.join(asking[:ENOUGH])}: needs arguments (`kwargs` of a case): {self.tried[asking[0]]}")
         if not listed.found and not listed.trouble:
             notes.append("It registers no environments of its own: its tests are what can be run.")
-        known = {each.env: each for each in listed.found}
-        cases = [_drafted(known[env], f"Tried, and it does not run: {why}") for env, why in list(real.items())[:1]]
+        by_env = {each.env: each for each in listed.found}
+        cases = [_drafted(by_env[env], f"Tried, and it does not run: {why}") for env, why in list(real.items())[:1]]
         notes += [
             f"None of its environments runs as it is installed; {env}: {why}" for env, why in list(real.items())[:1]
         ]
@@ -128,9 +128,9 @@ class Scout:
     # --- in a cell -------------------------------------------------------------------------------------------------
 
     def _cell(self, python: str, extras: tuple[str, ...]) -> Cell:
-        subject = package_under_test.settled(Subject(source=str(self.folder), extras=extras), offline=self.offline)
-        asked = plan.Asked(requirements=(), python=python, subject=subject, as_of=self.instant)
-        return plan.single(asked).cells[0]
+        subject = package_under_test.record_state(Subject(source=str(self.folder), extras=extras), offline=self.offline)
+        options = plan.TrialOptions(requirements=(), python=python, subject=subject, as_of=self.instant)
+        return plan.single(options).cells[0]
 
     def _runner(self, until: Phase) -> Runner:
         return Runner(self.opened, Settings(until=until, offline=self.offline), self.observer)
@@ -145,16 +145,16 @@ class Scout:
         if ready.site is None:
             return _Listed(trouble=_trouble(assess(ready.record)))
         modules = next(
-            known.modules for known in runner.subjects.values() if isinstance(known, package_under_test.Ready)
+            known.modules for known in runner.subjects.values() if isinstance(known, package_under_test.SubjectWheel)
         )
         skip: list[str] = []
         while True:
-            told = self._asked(ready.site, modules, skip)
-            if isinstance(told, _Listed):
-                return told
-            if told in {"", *modules, *skip} or len(skip) == MOST_SKIPPED:
-                return _Listed(trouble=f"importing {told or ', '.join(modules)} ends the process", imported=True)
-            skip.append(told)
+            answer = self._asked(ready.site, modules, skip)
+            if isinstance(answer, _Listed):
+                return answer
+            if answer in {"", *modules, *skip} or len(skip) == MOST_SKIPPED:
+                return _Listed(trouble=f"importing {answer or ', '.join(modules)} ends the process", imported=True)
+            skip.append(answer)
 
     def _asked(self, site: launch.Site, modules: tuple[str, ...], skip: Sequence[str]) -> _Listed | str:
         """List the environments in one process. If it ends too early, return the module that it was importing."""
@@ -168,9 +168,9 @@ class Scout:
                 return _read(reply.facts)
             return run.text("importing")[:LONGEST]
 
-    def _running(self, python: str, extras: tuple[str, ...], found: Sequence[Candidate]) -> list[Drafted]:
+    def _running(self, python: str, extras: tuple[str, ...], candidates: Sequence[Candidate]) -> list[Drafted]:
         """Try candidates until enough of them run: one environment at least, for some steps."""
-        order = [each for each in chosen_order(found) if not each.lacking][:MOST_TRIED]
+        order = [each for each in chosen_order(candidates) if not each.lacking][:MOST_TRIED]
         cases: list[Drafted] = []
         while order and len(cases) < ENOUGH:
             batch, order = order[:BATCH], order[BATCH:]
@@ -185,19 +185,19 @@ class Scout:
     def _outcomes(
         self, python: str, extras: tuple[str, ...], batch: Sequence[Candidate]
     ) -> Iterator[tuple[Candidate, str | None]]:
-        asked = tuple(replace(_case(candidate), steps=STEPS) for candidate in batch)
-        cell = replace(self._cell(python, extras), cases=asked, id=f"init/{self.folder.name}")
+        cases = tuple(replace(_case(candidate), steps=STEPS) for candidate in batch)
+        cell = replace(self._cell(python, extras), cases=cases, id=f"init/{self.folder.name}")
         runner = self._runner(Phase.SINGLE)  # the phase that decides; later ones take minutes where a step is slow
         record = runner.probe(runner.prepare(cell))  # whose fault a failure is matters to the first run, not here
         assessed = assess(record)
-        for candidate, case in zip(batch, asked, strict=True):
+        for candidate, case in zip(batch, cases, strict=True):
             yield candidate, _failure(assessed, case.id)
 
 
 def _case(candidate: Candidate) -> Case:
     """Return the case that a matrix with this candidate has."""
-    asked = plan.Asked(requirements=(), python=HOST, envs=(candidate.env,), api=candidate.api)
-    (case,) = plan.cases_for(replace(asked, subject=Subject(source="."), imports=candidate.imports))
+    options = plan.TrialOptions(requirements=(), python=HOST, envs=(candidate.env,), api=candidate.api)
+    (case,) = plan.cases_for(replace(options, subject=Subject(source="."), imports=candidate.imports))
     return case
 
 
@@ -207,8 +207,8 @@ def _drafted(candidate: Candidate, note: str | None = None) -> Drafted:
 
 def _failure(assessed: Assessed, case: str) -> str | None:
     """Return the reason why a case did not pass `single`, None if it did."""
-    found = next((tried for tried in assessed.cases if tried.record.case == case), None)
-    phases = {phase.phase: phase for phase in found.phases} if found else {}
+    assessed_case = next((tried for tried in assessed.cases if tried.record.case == case), None)
+    phases = {phase.phase: phase for phase in assessed_case.phases} if assessed_case else {}
     single = phases.get(Phase.SINGLE)
     if single is not None and single.outcome is Outcome.PASSED:
         return None
@@ -223,8 +223,8 @@ def _trouble(assessed: Assessed) -> str:
 
 def _read(facts: Any) -> _Listed:
     """Read the answer of a cell, which may have any shape."""
-    found, failed = read(facts)
-    return _Listed(found=found, failed=failed, imported=True)
+    candidates, failed = read(facts)
+    return _Listed(found=candidates, failed=failed, imported=True)
 
 
 def by_preference(pythons: Iterable[str], baseline: str | None) -> tuple[str, ...]:

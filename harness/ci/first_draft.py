@@ -8,7 +8,7 @@ from pathlib import Path
 
 from harness.ci import drafts, first_cases, first_values, workflows
 from harness.ci.drafts import Case, Draft, Project, Range
-from harness.ci.drafts.values import Offer, narrowed
+from harness.ci.drafts.values import Offer, narrow
 from harness.ci.first_cases import FirstCases, Scout
 from harness.machine import interpreters, store
 from harness.model.errors import BadInput, HarnessError
@@ -36,25 +36,25 @@ def cases(about: Project, pythons: Sequence[str], *, offline: bool) -> FirstCase
             offline=offline,
             extras=drafts.runtime(about.extras),
         )
-        found = scout.look(order)
-    if found.asked:
-        return found
+        discovery = scout.look(order)
+    if discovery.asked:
+        return discovery
     case = _in_sources()
-    return replace(found, cases=(case,) if case else ())
+    return replace(discovery, cases=(case,) if case else ())
 
 
-def completed(draft: Draft, about: Project, found: FirstCases, *, offline: bool) -> Draft:
+def complete(draft: Draft, about: Project, discovery: FirstCases, *, offline: bool) -> Draft:
     """Return the draft with cases, the extras that they need, the tests, and ranges of what can be installed."""
     baseline = draft.baseline
     ranges = draft.ranges if offline or not baseline else tuple(_narrowed(draft.ranges, baseline))
     extras, notes = _known_extras(draft, about)
     return replace(
         draft,
-        cases=found.cases,
-        extras=tuple(dict.fromkeys((*extras, *found.extras))),
+        cases=discovery.cases,
+        extras=tuple(dict.fromkeys((*extras, *discovery.extras))),
         suite=_suite(about),
         ranges=ranges,
-        notes=(*draft.notes, *notes, *found.notes),
+        notes=(*draft.notes, *notes, *discovery.notes),
     )
 
 
@@ -65,18 +65,18 @@ def without_clashes(draft: Draft, path: Path) -> Draft:
         return draft
     opened = store.open_store()
     try:
-        planned = open_matrix.dated(open_matrix.load(str(path), lambda _: None), opened)
+        planned = open_matrix.set_instant(open_matrix.load(str(path), lambda _: None), opened)
     except HarnessError:  # it is loaded again right after, and says it then
         return draft
     with progress.Progress(0, 1, publishing.headline) as board:
-        found = first_values.clashing(planned.cells, packages, opened, board)
-    gone = found.get(first_values.PYTHON, ())
+        clashes = first_values.find_clashes(planned.cells, packages, opened, board)
+    gone = clashes.get(first_values.PYTHON, ())
     note = f"Left out: Python {', '.join(gone)}, on which the newest releases of the axes cannot be installed."
     return replace(
         draft,
         main=draft.baseline,
         pythons=tuple(python for python in draft.pythons if python not in gone),
-        ranges=tuple(_without(each, found.get(each.package, ())) for each in draft.ranges),
+        ranges=tuple(_without(each, clashes.get(each.package, ())) for each in draft.ranges),
         notes=(*draft.notes, *([note] if gone else [])),
     )
 
@@ -96,8 +96,8 @@ def _without(wanted: Range, versions: Sequence[str]) -> Range:
 def _known_extras(draft: Draft, about: Project) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the extras of a draft that the project has; a workflow may name others, of which pip only warns."""
     unknown = [extra for extra in draft.extras if about.extras and extra not in about.extras]
-    kept = tuple(extra for extra in draft.extras if extra not in unknown)
-    return kept, tuple(f"Left out: the extra {extra}, which the project does not have." for extra in unknown)
+    extras = tuple(extra for extra in draft.extras if extra not in unknown)
+    return extras, tuple(f"Left out: the extra {extra}, which the project does not have." for extra in unknown)
 
 
 def _narrowed(ranges: Sequence[Range], python: str) -> Iterator[Range]:
@@ -117,13 +117,13 @@ def _narrowed(ranges: Sequence[Range], python: str) -> Iterator[Range]:
             )
             for release in releases
         ]
-        yield narrowed(each, offers, version)
+        yield narrow(each, offers, version)
 
 
 def _minor(python: str) -> str:
     """Return a Python as wheels name it: `3.11`."""
-    found = interpreters.find(HOST) if python == HOST else None
-    return found.minor if found else ".".join(python.split(".")[:2])
+    interpreter = interpreters.find(HOST) if python == HOST else None
+    return interpreter.minor if interpreter else ".".join(python.split(".")[:2])
 
 
 def _suite(about: Project) -> drafts.SuiteDraft | None:
@@ -151,10 +151,10 @@ def _extras_of_workflows() -> Iterator[str]:
 
 def _in_sources() -> Case | None:
     """Return the first environment that the sources register, in its newest version."""
-    found = dict.fromkeys(_registered())
-    for first, api in found:
+    environments = dict.fromkeys(_registered())
+    for first, api in environments:
         name = first.rpartition("-v")[0]
-        newest = max((int(env.rpartition("-v")[2]), env) for env, _ in found if env.rpartition("-v")[0] == name)
+        newest = max((int(env.rpartition("-v")[2]), env) for env, _ in environments if env.rpartition("-v")[0] == name)
         return Case(env=newest[1], api=api, note="Found in the sources, and not tried.")
     return None
 

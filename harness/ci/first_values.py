@@ -15,7 +15,7 @@ from harness.running.scheduler import Observer, Runner, Settings
 PYTHON = "python"
 
 
-def clashing(
+def find_clashes(
     cells: Sequence[Cell], packages: Collection[str], opened: Store, observer: Observer
 ) -> dict[str, tuple[str, ...]]:
     """Return, by axis, the values (versions, Pythons) that resolve only without the pins of the other package axes.
@@ -26,7 +26,7 @@ def clashing(
     runner = Runner(opened, Settings(until=Phase.RESOLVE), observer)
     names = (PYTHON, *packages)
     common = {name: Counter(cell.axes.get(name) for cell in cells).most_common(1)[0][0] for name in names}
-    found: dict[str, list[str]] = {}
+    clashes: dict[str, list[str]] = {}
     for cell in sorted(cells, key=lambda cell: sum(cell.axes.get(name) != common[name] for name in names)):
         odd = [name for name in names if cell.axes.get(name) != common[name]]
         interpreter = interpreters.find(cell.python)
@@ -34,10 +34,12 @@ def clashing(
             return {}  # the newest of all do not fit each other: no value is at fault
         if len(odd) == 1 and interpreter and not _resolves(runner, cell, interpreter):
             others = {name for name in packages if name != odd[0]}
-            kept = tuple(line for line in cell.question.requirements if required_name(line) not in others)
-            if _resolves(runner, replace(cell, question=replace(cell.question, requirements=kept)), interpreter):
-                found.setdefault(odd[0], []).append(cell.axes[odd[0]])
-    return {name: tuple(versions) for name, versions in found.items()}
+            requirements = tuple(line for line in cell.question.requirements if required_name(line) not in others)
+            if _resolves(
+                runner, replace(cell, question=replace(cell.question, requirements=requirements)), interpreter
+            ):
+                clashes.setdefault(odd[0], []).append(cell.axes[odd[0]])
+    return {name: tuple(versions) for name, versions in clashes.items()}
 
 
 def _resolves(runner: Runner, cell: Cell, interpreter: Interpreter) -> bool:

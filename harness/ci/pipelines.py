@@ -17,7 +17,7 @@ import msgspec
 
 from harness.model import Plan, schema
 from harness.model.errors import BadInput
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.reports.tables.cause_groups import in_order
 
 ACTIONS = "actions.toml"
@@ -105,7 +105,7 @@ def actions(text: str) -> dict[str, Action]:
     return schema.load_toml(text, dict[str, Action], ACTIONS)
 
 
-def render(pipeline: Pipeline, template: str, known: Mapping[str, Action]) -> str:
+def render(pipeline: Pipeline, template: str, action_table: Mapping[str, Action]) -> str:
     """Return the text of the workflow file: the filled template."""
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
 
@@ -119,12 +119,12 @@ def render(pipeline: Pipeline, template: str, known: Mapping[str, Action]) -> st
         variable_end_string=">>",
     )
     environment.filters |= {"quoted": json.dumps, "shell": shlex.quote}
-    read = max((action.read for action in known.values() if action.read), default=None)
+    read = max((action.read for action in action_table.values() if action.read), default=None)
     return environment.from_string(template).render(
         it=pipeline,
-        uses=known,
+        uses=action_table,
         read=read,
-        unread=[name for name, action in known.items() if action.commit is None],
+        unread=[name for name, action in action_table.items() if action.commit is None],
         libraries=" ".join(LIBRARIES),
         slug=re.sub(r"[^A-Za-z0-9]+", "-", pipeline.name),
     )
@@ -138,8 +138,8 @@ def shard_count(cells: Sequence[str], seconds: Mapping[str, float], minutes: int
 
     `seconds` are recorded ones by id; a cell without counts as the median.
     """
-    known = [seconds[cell] for cell in cells if cell in seconds]
-    usual = median(known) if known else TYPICAL
+    durations = [seconds[cell] for cell in cells if cell in seconds]
+    usual = median(durations) if durations else TYPICAL
     whole = sum(seconds.get(cell, usual) for cell in cells)
     return max(1, min(math.ceil(whole / (60 * minutes)), len(cells), most))
 
@@ -153,7 +153,7 @@ def plan_page(plan: Plan, count: int) -> str:
     """Return the plan as Markdown: the values of its axes, and the combinations left out."""
     values = {axis: in_order(cell.axes[axis] for cell in plan.cells if axis in cell.axes) for axis in plan.axes}
     lines = [
-        f"## {plan.matrix}: {number(len(plan.cells), 'cell')} in {number(count, 'shard')}",
+        f"## {plan.matrix}: {format_count(len(plan.cells), 'cell')} in {format_count(count, 'shard')}",
         "",
         "| axis | values |",
         "| --- | --- |",
@@ -165,7 +165,7 @@ def plan_page(plan: Plan, count: int) -> str:
         reasons: Counter[str] = Counter()
         for gone in plan.dropped:
             reasons[gone.reason] += gone.count
-        lines += [f"<details><summary>{number(reasons.total(), 'combination')} left out</summary>", ""]
+        lines += [f"<details><summary>{format_count(reasons.total(), 'combination')} left out</summary>", ""]
         lines += [f"- {count}: {reason}" for reason, count in reasons.items()]
         lines += ["", "</details>", ""]
     return "\n".join(lines)
@@ -209,11 +209,11 @@ def install_words(noted: str | None, release: str) -> str | None:
 def words(text: str, what: str) -> str:
     """Return words of a shell, each quoted. Raises BadInput for expressions, which the platform would replace."""
     try:
-        found = shlex.split(text)
+        tokens = shlex.split(text)
     except ValueError as error:
         message = f"{what} {text!r}: cannot be read as words of a shell: {error}"
         raise BadInput(message) from None
-    if not found or "\n" in text or "${{" in text:
+    if not tokens or "\n" in text or "${{" in text:
         message = f"{what} {text!r}: takes words for `pip install` on one line, and no expressions of the platform"
         raise BadInput(message)
-    return shlex.join(found)
+    return shlex.join(tokens)

@@ -15,7 +15,7 @@ from harness.machine.files import given_files
 from harness.matrix import matrix_file
 from harness.model import Cell, Plan
 from harness.model.errors import BadInput, HarnessError
-from harness.model.report_types import UNTOLD, CellEntry, number
+from harness.model.report_types import UNTOLD, CellEntry, format_count
 from harness.model.vocabulary import Instant
 from harness.reports import document, expectation_writer, publishing
 from harness.running import open_matrix, shipped_signatures
@@ -39,30 +39,30 @@ def main(args: argparse.Namespace) -> int:
     path = _editable(args.matrix)
     plan = open_matrix.load(args.matrix, tell, offline=True)
     chosen = choose(plan.cells, args.k)
-    entries = _reported(args.report, plan) if args.report else _measured(plan)
+    entries = _read_entries(args.report, plan) if args.report else _load_entries(plan)
     today = store.now()
-    found, mixed = expectation_writer.reds(chosen, entries, today)
+    reds, mixed = expectation_writer.reds(chosen, entries, today)
     for sentence in mixed:
         tell(sentence)
-    if not found:
+    if not reds:
         tell(f"nothing to accept: {_standing(chosen, entries)}")
         return 1 if mixed else 0
     text = given_files.read_content(path).decode()
     wish = expectation_writer.Wish(pattern=args.k, reason=args.reason, link=args.link, until=args.until)
-    made = expectation_writer.accept(text, matrix_file.read(text, str(path)), plan.cells, found, wish)
-    print("\n".join(made.tables), end="")
-    for sentence in made.replaced:
+    rewrite = expectation_writer.accept(text, matrix_file.read(text, str(path)), plan.cells, reds, wish)
+    print("\n".join(rewrite.tables), end="")
+    for sentence in rewrite.replaced:
         tell(sentence)
     if args.dry_run:
-        tell(f"nothing was written: {number(len(made.tables), 'table')} for {number(len(found), 'cell')}")
+        tell(f"nothing was written: {format_count(len(rewrite.tables), 'table')} for {format_count(len(reds), 'cell')}")
         return 1 if mixed else 0
-    store.write_atomic(path, made.text.encode())
+    store.write_atomic(path, rewrite.text.encode())
     try:
-        _check(args.matrix, plan, [red.cell.id for red in found], entries, today)
+        _check(args.matrix, plan, [red.cell.id for red in reds], entries, today)
     except BaseException:
         store.write_atomic(path, text.encode())
         raise
-    tell(f"{args.matrix}: {number(len(found), 'cell')} accepted with {number(len(made.tables), 'table')}")
+    tell(f"{args.matrix}: {format_count(len(reds), 'cell')} accepted with {format_count(len(rewrite.tables), 'table')}")
     return 1 if mixed else 0
 
 
@@ -84,30 +84,30 @@ def _check(name: str, plan: Plan, accepted: Sequence[str], entries: dict[str, li
 # --- what was measured -----------------------------------------------------------------------------------------
 
 
-def _measured(plan: Plan) -> dict[str, list[CellEntry]]:
+def _load_entries(plan: Plan) -> dict[str, list[CellEntry]]:
     """Return the last results of this machine by cell id. Raises BadInput if there are none."""
     opened = store.open_store()
-    dated = open_matrix.dated(plan, opened)
+    dated = open_matrix.set_instant(plan, opened)
     here = this_machine.facts()
-    known = [found for cell in dated.cells if (found := publishing.kept(opened, here.id, cell))]
-    if not known:
+    records = [record for cell in dated.cells if (record := publishing.load_record(opened, here.id, cell))]
+    if not records:
         message = f"{plan.matrix}: nothing of it was measured here; run it first, or name a report.json with --report"
         raise BadInput(message)
     causes = shipped_signatures.beside(opened.folder)
-    return _by_id(document.build(known, [dated], {here.id: here.facts}, store.now(), known=causes).cells)
+    return _by_id(document.build(records, [dated], {here.id: here.facts}, store.now(), known=causes).cells)
 
 
-def _reported(source: str, plan: Plan) -> dict[str, list[CellEntry]]:
+def _read_entries(source: str, plan: Plan) -> dict[str, list[CellEntry]]:
     """Return the results of a report by cell id. Raises BadInput if its cells differ from the matrix as it is now."""
-    path = report.found(source)
-    made = document.read(given_files.read_content(path), str(path))
+    path = report.locate(source)
+    source_report = document.read(given_files.read_content(path), str(path))
     planned = {cell.id: cell for cell in plan.cells}
-    entries = [entry for entry in made.cells if entry.id in planned]
+    entries = [entry for entry in source_report.cells if entry.id in planned]
     mark = document.marks()
     for entry in entries:
         cell = planned[entry.id]
-        asked = (dict(cell.axes), cell.python, dict(cell.environment), mark(cell))
-        if asked != (entry.axes, entry.requested_python, entry.environment, entry.asked):
+        identity = (dict(cell.axes), cell.python, dict(cell.environment), mark(cell))
+        if identity != (entry.axes, entry.requested_python, entry.environment, entry.asked):
             message = f"{path}: {entry.id} was another cell then; measure the matrix as it is now"
             raise BadInput(message)
     if not entries:
@@ -117,17 +117,18 @@ def _reported(source: str, plan: Plan) -> dict[str, list[CellEntry]]:
 
 
 def _by_id(entries: Sequence[CellEntry]) -> dict[str, list[CellEntry]]:
-    found: dict[str, list[CellEntry]] = {}
+    groups: dict[str, list[CellEntry]] = {}
     for entry in entries:
-        found.setdefault(entry.id, []).append(entry)
-    return found
+        groups.setdefault(entry.id, []).append(entry)
+    return groups
 
 
 def _standing(chosen: Sequence[Cell], entries: dict[str, list[CellEntry]]) -> str:
-    told = sum(any(entry.verdict not in UNTOLD for entry in entries.get(cell.id, ())) for cell in chosen)
-    untold = len(chosen) - told
-    rest = f"; of {number(untold, 'cell')} nothing is known" if untold else ""
-    return f"{number(told, 'cell')} of these {'works or is' if told == 1 else 'work or are'} red as expected{rest}"
+    decided_count = sum(any(entry.verdict not in UNTOLD for entry in entries.get(cell.id, ())) for cell in chosen)
+    untold = len(chosen) - decided_count
+    rest = f"; of {format_count(untold, 'cell')} nothing is known" if untold else ""
+    verb = "works or is" if decided_count == 1 else "work or are"
+    return f"{format_count(decided_count, 'cell')} of these {verb} red as expected{rest}"
 
 
 # --- what the user gave ----------------------------------------------------------------------------------------

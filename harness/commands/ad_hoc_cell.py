@@ -19,7 +19,7 @@ from harness.machine.store import Store
 from harness.matrix import overlay_recipes, plan
 from harness.model import Case, Cell, Outcome, Phase, Plan, Repair, Subject
 from harness.model.errors import BadInput
-from harness.model.schema import located
+from harness.model.schema import locate_errors
 from harness.model.vocabulary import APIS, FAMILY, GYM, GYMNASIUM, HOST, InnerPath, PackageName, version_text
 from harness.packages import package_under_test
 from harness.packages.requirement_files import Inputs, inputs
@@ -81,34 +81,34 @@ def _subject(args: argparse.Namespace) -> Subject:
     """Return the package under test that `--subject` names, with the extras and groups of the command line."""
     remote = args.subject.startswith(checkouts.REPOSITORY)
     source = args.subject if remote else str(Path(args.subject).resolve())
-    with located("--extra, --group"):
+    with locate_errors("--extra, --group"):
         extras, groups = (tuple(map(PackageName.canonical, names)) for names in (args.extra, args.group))
-    return package_under_test.settled(Subject(source=source, extras=extras, groups=groups), offline=args.offline)
+    return package_under_test.record_state(Subject(source=source, extras=extras, groups=groups), offline=args.offline)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Given:
+class CellInputs:
     """The requirement files and the `--subject` of a command line, as read."""
 
     inputs: Inputs
     subject: Subject | None
 
 
-def read(args: argparse.Namespace) -> Given:
+def read(args: argparse.Namespace) -> CellInputs:
     """Read the files. Print a note for each part that is not modelled, or read unlike pip. Raises BadInput."""
     tested = _subject(args) if args.subject else None
     of_files = ([], []) if tested else (args.extra, args.group)
     given = inputs.read(args.files, extras=of_files[0], groups=of_files[1])
     for line in (*given.not_modelled, *given.notes):
         tell(f"note: {line}")
-    return Given(inputs=given, subject=tested)
+    return CellInputs(inputs=given, subject=tested)
 
 
-def planned(args: argparse.Namespace, read_before: Given, opened: Store, runner: scheduler.Runner) -> Plan:
+def plan_cell(args: argparse.Namespace, read_before: CellInputs, opened: Store, runner: scheduler.Runner) -> Plan:
     """Return the one-cell plan, with its Python and its instant. Options are checked before the instant is stored."""
     given = read_before.inputs
     overlay, taken = _overlay(args.overlay)
-    asked = plan.Asked(
+    options = plan.TrialOptions(
         requirements=(*args.requirements, *taken, *given.requirements),
         listed=tuple(text for text in given.requirements if text not in args.requirements),
         overlay=overlay,
@@ -127,24 +127,24 @@ def planned(args: argparse.Namespace, read_before: Given, opened: Store, runner:
         index=given.index,
         prerelease=given.prerelease,
     )
-    asked = replace(asked, files=models(plan.single(asked).cells[0].cases))
+    options = replace(options, files=models(plan.single(options).cells[0].cases))
     if args.as_of is None:
         instant = opened.instant(plan.TRY_MATRIX, renew=runner.settings.fresh, hours=REUSED_FOR_HOURS)
-        asked = replace(asked, instant=instant)
-    (cell,) = plan.single(asked).cells
+        options = replace(options, instant=instant)
+    (cell,) = plan.single(options).cells
     typed = (*cell.question.requirements, *args.constraint, *args.override, *args.build_constraint)
     misspelt.check(typed, tell, cell.question.index, offline=runner.settings.offline)
     python = _asked_python(args.python) if args.python else _python(cell, given, runner)
-    brought = _brought(asked, cell, python, runner)
-    return plan.single(replace(asked, python=_version(python), interpreter=python, brought=brought))
+    brought = _detect_api(options, cell, python, runner)
+    return plan.single(replace(options, python=_version(python), interpreter=python, brought=brought))
 
 
-def _brought(asked: plan.Asked, cell: Cell, python: str, runner: scheduler.Runner) -> str | None:
+def _detect_api(options: plan.TrialOptions, cell: Cell, python: str, runner: scheduler.Runner) -> str | None:
     """Return the API that the requirements bring; None if the command line decides it, or if there is no lock.
 
     Raises BadInput if the lock has neither gymnasium nor gym.
     """
-    env = plan.unspoken(asked)
+    env = plan.unspoken(options)
     if env is None:
         return None
     interpreter = interpreters.obtain(python, offline=runner.settings.offline)
@@ -163,12 +163,12 @@ def _overlay(given: Sequence[str]) -> tuple[tuple[Repair, ...], tuple[str, ...]]
     """Return the repairs that `--overlay` asks for, and those of its values that are requirements, not names."""
     if not given:
         return (), ()
-    known = open_matrix.recipes(Path("matrices"))
+    recipes = open_matrix.recipes(Path("matrices"))
     names = [text for text in given if re.fullmatch(r"[A-Za-z0-9._-]+", text)]
-    with located("--overlay"):
+    with locate_errors("--overlay"):
         wanted = [PackageName.canonical(name) for name in names]
-        found = overlay_recipes.chosen(known, wanted if len(names) == len(given) else tuple(known))
-    return found, tuple(text for text in given if text not in names and text != EVERY)
+        repairs = overlay_recipes.find_repairs(recipes, wanted if len(names) == len(given) else tuple(recipes))
+    return repairs, tuple(text for text in given if text not in names and text != EVERY)
 
 
 def models(cases: Iterable[Case]) -> dict[str, str]:
@@ -176,7 +176,7 @@ def models(cases: Iterable[Case]) -> dict[str, str]:
 
     The cell gets them in its HOME. A file that is not in this folder may be a model that the simulator brings.
     """
-    found = {}
+    texts = {}
     for case in cases:
         name = (case.env or "").removeprefix(f"{case.api}:")
         if (
@@ -185,10 +185,10 @@ def models(cases: Iterable[Case]) -> dict[str, str]:
             or (plan.brings_models(case.api) and not Path(name).exists())
         ):
             continue
-        with located(f"--env {case.env}"):
+        with locate_errors(f"--env {case.env}"):
             name = InnerPath.canonical(name)
-        found[name] = given_files.read_text(Path(name), f"--env {case.env}: {name}")
-    return found
+        texts[name] = given_files.read_text(Path(name), f"--env {case.env}: {name}")
+    return texts
 
 
 MODELS = (".xml", ".urdf", ".sdf")
@@ -209,15 +209,15 @@ def _asked_python(text: str) -> str:
             message = f"--python {text}: there is no Python here that can be run"
             raise BadInput(message)
     elif text != HOST:
-        with located("--python"):
+        with locate_errors("--python"):
             version_text(text)
     return text
 
 
 def _version(python: str) -> str:
     """Return the version that names the cell: for a path or `host` that of the interpreter, else the text itself."""
-    found = interpreters.find(python) if "/" in python or python == HOST else None
-    return found.version if found else python
+    interpreter = interpreters.find(python) if "/" in python or python == HOST else None
+    return interpreter.version if interpreter else python
 
 
 def _python(cell: Cell, given: Inputs, runner: scheduler.Runner) -> str:
@@ -231,21 +231,21 @@ def _python(cell: Cell, given: Inputs, runner: scheduler.Runner) -> str:
     if active and allowed.contains(active, prereleases=True) and interpreters.find(active):
         return active
     minors = {found.minor: found for found in interpreters.available() if allowed.contains(found.version)}
-    newest = sorted(minors.values(), key=lambda found: Version(found.version), reverse=True)
+    newest = sorted(minors.values(), key=lambda interpreter: Version(interpreter.version), reverse=True)
     for found in newest:
         lock, step = runner.lock_of(cell, found)
         if lock or step.outcome is not Outcome.FAILED or step.phase is not Phase.RESOLVE:
             return found.minor
     if newest:
         return newest[0].minor
-    return _lacking(allowed) if allowed else HOST
+    return _choose_version(allowed) if allowed else HOST
 
 
-def _lacking(allowed: SpecifierSet) -> str:
+def _choose_version(allowed: SpecifierSet) -> str:
     """Return an allowed version that is not installed here: a pinned one, else the oldest. BadInput if none."""
     pinned = [each.version for each in allowed if each.operator == "==" and not each.version.endswith(".*")]
-    found = next((v for v in (*pinned, *(f"3.{minor}" for minor in range(7, 100))) if allowed.contains(v)), None)
-    if found is None:
+    version = next((v for v in (*pinned, *(f"3.{minor}" for minor in range(7, 100))) if allowed.contains(v)), None)
+    if version is None:
         message = f"try: no Python is allowed by all that was given: {allowed}; name one with --python"
         raise BadInput(message)
-    return found
+    return version

@@ -18,16 +18,16 @@ from harness.machine.store import Store
 from harness.matrix import plan
 from harness.model import Cell, Change, Interpreter, cellid
 from harness.model.errors import BadInput, CouldNotTell
-from harness.model.schema import located
+from harness.model.schema import locate_errors
 from harness.model.vocabulary import PackageName
 from harness.packages import locks
 from harness.reports import publishing
 from harness.reports.answers import result_index
 from harness.reports.text import progress
-from harness.rootcause.bench import Bench, Bounds, Spent, Trial
+from harness.rootcause.bench import Bench, Bounds, BudgetExhausted, Trial
 from harness.rootcause.bisection import candidates, certificates, guesses
-from harness.rootcause.bisection.bisecting import Bisected, Bisection, Status, Task
-from harness.rootcause.bisection.candidates import Candidate, Candidates, Kept
+from harness.rootcause.bisection.bisecting import Bisection, BisectionResult, Status, Task
+from harness.rootcause.bisection.candidates import Candidate, Candidates, LineOptions
 from harness.rootcause.bisection.certificates import BisectDocument
 from harness.rootcause.repair import candidate_changes, proofs
 from harness.running import open_matrix, scheduler, shipped_signatures
@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Asked:
+class BisectRequest:
     """A command line with the cell that it names."""
 
     args: argparse.Namespace
@@ -87,9 +87,9 @@ class Asked:
         return DATE if self.args.date else PYTHON if self.args.python else str(self.args.axis)
 
     @property
-    def kept(self) -> Kept:
+    def kept(self) -> LineOptions:
         """Return the settings for the releases to look at: yanked ones, pre-releases, offline."""
-        return Kept(yanked=self.args.yanked, pre=self.args.pre, offline=self.args.offline)
+        return LineOptions(yanked=self.args.yanked, pre=self.args.pre, offline=self.args.offline)
 
 
 def main(args: argparse.Namespace) -> int:
@@ -97,29 +97,31 @@ def main(args: argparse.Namespace) -> int:
     _check(args)
     opened = store.open_store()
     settings = scheduler.Settings(offline=args.offline)
-    cell = find_cell.named("bisect", args.cell, opened, offline=args.offline)[1]
+    cell = find_cell.find("bisect", args.cell, opened, offline=args.offline)[1]
     interpreter = interpreters.obtain(cell.python, offline=args.offline)
     if interpreter is None:
         raise CouldNotTell(interpreters.hint(cell.python))
-    asked = Asked(args=args, opened=opened, cell=cell, interpreter=interpreter)
+    request = BisectRequest(args=args, opened=opened, cell=cell, interpreter=interpreter)
     with (
         progress.Progress(0, 1, publishing.headline) as board,
-        Bench(opened, settings, scheduler.Beside(board), Bounds(runs=args.runs, minutes=args.minutes)) as bench,
+        Bench(opened, settings, scheduler.QuietObserver(board), Bounds(runs=args.runs, minutes=args.minutes)) as bench,
     ):
         try:
             base = bench.measure(cell, keep=True) if args.date or not args.bad else None
-        except Spent as spent:
+        except BudgetExhausted as spent:
             message = f"{spent} before the cell itself was measured; allow more"
             raise CouldNotTell(message) from None
-        line, task = _task(asked, base)
+        line, task = _task(request, base)
         search = Bisection(task, bench, board.say)
         done = search.run()
-        made = certificates.document(done, search, left_out=line.left_out, command=_again(asked, done))
-    made = _write(made, done, opened, args.out or _folder(asked))
+        certificate = certificates.document(
+            done, search, left_out=line.left_out, command=_repeat_command(request, done)
+        )
+    certificate = _write(certificate, done, opened, args.out or _folder(request))
     if args.json:
-        print_json(msgspec.json.format(msgspec.json.encode(made)))
+        print_json(msgspec.json.format(msgspec.json.encode(certificate)))
     else:
-        print("\n".join(certificates.lines(made)))
+        print("\n".join(certificates.lines(certificate)))
     return CODES[done.status]
 
 
@@ -131,7 +133,7 @@ def _check(args: argparse.Namespace) -> None:
         message = "--runs and --minutes: name a number above 0"
         raise BadInput(message)
     if args.axis:
-        with located("--axis"):
+        with locate_errors("--axis"):
             args.axis = str(PackageName.canonical(args.axis))
     if args.out:
         store.writable(args.out)
@@ -140,12 +142,12 @@ def _check(args: argparse.Namespace) -> None:
 # --- the line and its ends -------------------------------------------------------------------------------------
 
 
-def _task(asked: Asked, base: Trial | None) -> tuple[Candidates, Task]:
+def _task(request: BisectRequest, base: Trial | None) -> tuple[Candidates, Task]:
     """Return the line of candidates and the search on it. Raises BadInput if the line or its ends allow none."""
-    args = asked.args
-    held = _held(asked, base)
-    line = _line(asked, held)
-    own = _own(asked, held)
+    args = request.args
+    held = _read_versions(request, base)
+    line = _line(request, held)
+    own = _name_unchanged(request, held)
     if args.bad is None and own is None:
         message = f"bisect {args.cell}: its lock holds no {args.axis}; name the end that fails with --bad"
         raise BadInput(message)
@@ -159,15 +161,15 @@ def _task(asked: Asked, base: Trial | None) -> tuple[Candidates, Task]:
         raise BadInput(message)
     if len(line.candidates) < 2:
         left_out = "; ".join(line.left_out)
-        message = f"bisect {args.cell}: there is nothing else along {asked.axis}{f'; {left_out}' if left_out else ''}"
+        message = f"bisect {args.cell}: there is nothing else along {request.axis}{f'; {left_out}' if left_out else ''}"
         raise BadInput(message)
     return line, Task(
-        cell=asked.cell,
-        axis=asked.axis,
+        cell=request.cell,
+        axis=request.axis,
         line=line.candidates,
         bad=bad,
         good=good,
-        hints=tuple(_hints(asked, line, bad, base)),
+        hints=tuple(_hints(request, line, bad, base)),
         any=args.any,
         confidence=args.confidence,
         recipes=open_matrix.recipes(Path("matrices")),
@@ -175,31 +177,31 @@ def _task(asked: Asked, base: Trial | None) -> tuple[Candidates, Task]:
     )
 
 
-def _held(asked: Asked, base: Trial | None) -> dict[str, str]:
+def _read_versions(request: BisectRequest, base: Trial | None) -> dict[str, str]:
     """Return the versions in the cell's lock by package; without a lock, the versions that the cell pins."""
     if base and base.record.lock:
-        text = (asked.opened.folder / base.record.lock).read_text(encoding="utf-8")
-        return {name: version for name, (version, _) in locks.pinned(text).items()}
-    return candidate_changes.pins(asked.cell)
+        text = (request.opened.folder / base.record.lock).read_text(encoding="utf-8")
+        return {name: version for name, (version, _) in locks.read_pins(text).items()}
+    return candidate_changes.pins(request.cell)
 
 
-def _line(asked: Asked, held: dict[str, str]) -> Candidates:
-    cell, kept = asked.cell, asked.kept
-    if asked.args.python:
+def _line(request: BisectRequest, held: dict[str, str]) -> Candidates:
+    cell, release_filter = request.cell, request.kept
+    if request.args.python:
         return candidates.of_pythons(cell)
-    if asked.args.date:
+    if request.args.date:
         names = sorted({*held, *candidate_changes.asked_for(cell)})
-        return candidates.of_days(cell, names, asked.interpreter, kept)
-    return candidates.of_package(cell, asked.axis, asked.interpreter, kept)
+        return candidates.of_days(cell, names, request.interpreter, release_filter)
+    return candidates.of_package(cell, request.axis, request.interpreter, release_filter)
 
 
-def _own(asked: Asked, held: dict[str, str]) -> str | None:
+def _name_unchanged(request: BisectRequest, held: dict[str, str]) -> str | None:
     """Return the candidate name of the unchanged cell: its Python, its instant, or its version of the package."""
-    if asked.args.python:
-        return asked.interpreter.minor
-    if asked.args.date:
-        return asked.cell.question.snapshot or store.now()
-    return held.get(asked.axis)
+    if request.args.python:
+        return request.interpreter.minor
+    if request.args.date:
+        return request.cell.question.snapshot or store.now()
+    return held.get(request.axis)
 
 
 def _with_own(line: Candidates, own: str) -> Candidates:
@@ -207,77 +209,81 @@ def _with_own(line: Candidates, own: str) -> Candidates:
     same = next((one for one in line.candidates if candidates.same(one.name, own)), None)
     mine = Candidate(name=own, change=Change(), uploaded=same.uploaded if same else None)
     others = [one for one in line.candidates if one is not same]
-    return replace(line, candidates=tuple(sorted([*others, mine], key=lambda one: candidates.rank(one.name))))
+    return replace(
+        line, candidates=tuple(sorted([*others, mine], key=lambda candidate: candidates.rank(candidate.name)))
+    )
 
 
 def _at(line: Candidates, own: str | None) -> int:
     return next(place for place, one in enumerate(line.candidates) if one.name == own)
 
 
-def _hints(asked: Asked, line: Candidates, bad: int, base: Trial | None) -> Iterator[int]:
+def _hints(request: BisectRequest, line: Candidates, bad: int, base: Trial | None) -> Iterator[int]:
     """Yield places where a good end may be: the first day, versions that worked elsewhere, versions by metadata."""
-    if asked.args.date:
+    if request.args.date:
         yield from [0] if bad else []
-    elif not asked.args.python:
-        known = {place for version in _green(asked) for place in candidates.places(line, version)}
-        yield from sorted(known - {bad}, key=lambda place: abs(place - bad))[:HINTS]
+    elif not request.args.python:
+        measured_places = {
+            place for version in _working_versions(request) for place in candidates.places(line, version)
+        }
+        yield from sorted(measured_places - {bad}, key=lambda place: abs(place - bad))[:HINTS]
         if base:
-            found = guesses.of_metadata(base, asked.axis, line.candidates, offline=asked.args.offline)
-            yield from (place for place in found if place != bad)
+            guessed_places = guesses.of_metadata(base, request.axis, line.candidates, offline=request.args.offline)
+            yield from (place for place in guessed_places if place != bad)
 
 
-def _green(asked: Asked) -> Iterator[str]:
+def _working_versions(request: BisectRequest) -> Iterator[str]:
     """Yield versions of the package in working cells with the same environments, of this store and of reports."""
-    envs = {case.env for case in asked.cell.cases if case.env}
-    known = shipped_signatures.beside(asked.opened.folder)
-    for record in asked.opened.cells():
+    envs = {case.env for case in request.cell.cases if case.env}
+    knowledge = shipped_signatures.beside(request.opened.folder)
+    for record in request.opened.cells():
         alike = envs & {case.env for case in record.cell.cases}
         if alike and record.installed:
-            found = assess(record, known)
-            if plainly_good(found.verdict, found.unverified):
-                yield record.installed.get(asked.axis, "")
+            assessment = assess(record, knowledge)
+            if plainly_good(assessment.verdict, assessment.unverified):
+                yield record.installed.get(request.axis, "")
     before = result_index.load()
     for cell in before["cells"]:
         if plainly_good(cell["verdict"], cell["unverified"]) and envs & {case["env"] for case in cell["cases"]}:
-            yield dict(before["locks"].get(cell["lock"], ())).get(asked.axis, "")
+            yield dict(before["locks"].get(cell["lock"], ())).get(request.axis, "")
 
 
 # --- what is left of it ----------------------------------------------------------------------------------------
 
 
-def _again(asked: Asked, done: Bisected) -> str:
+def _repeat_command(request: BisectRequest, done: BisectionResult) -> str:
     """Return one command line that repeats the bisection."""
-    args = asked.args
-    along = [asked.axis] if asked.axis in {DATE, PYTHON} else ["--axis", asked.axis]
+    args = request.args
+    along = [request.axis] if request.axis in {DATE, PYTHON} else ["--axis", request.axis]
     ends = ["--good", done.line[0].name, "--bad", done.line[-1].name] if done.boundary else []
     flags = [f"--{name}" for name in ("any", "yanked", "pre") if getattr(args, name)]
     sure = ["--confidence", f"{args.confidence:g}"] if args.confidence != CONFIDENCE else []
     words = shlex.join(["simmatrix", "bisect", args.cell, *along, *ends, *flags, *sure])
-    tried = proofs.trying(asked.cell) if asked.cell.matrix == plan.TRY_MATRIX else None
+    tried = proofs.trying(request.cell) if request.cell.matrix == plan.TRY_MATRIX else None
     return f"{tried}; {words}" if tried else words
 
 
-def _folder(asked: Asked) -> Path:
-    args = asked.args
+def _folder(request: BisectRequest) -> Path:
+    args = request.args
     ends = [f"{side}-{value}" for side in ("good", "bad") if (value := getattr(args, side))]
     flags = [name for name in ("any", "yanked", "pre") if getattr(args, name)]
     sure = [f"confidence-{args.confidence:g}"] if args.confidence != CONFIDENCE else []
-    words = (f"along-{asked.axis.strip('-')}", *ends, *flags, *sure)
-    return asked.opened.folder / "bisects" / cellid.folder(asked.cell.id, *words)
+    words = (f"along-{request.axis.strip('-')}", *ends, *flags, *sure)
+    return request.opened.folder / "bisects" / cellid.folder(request.cell.id, *words)
 
 
-def _write(made: BisectDocument, done: Bisected, opened: Store, folder: Path) -> BisectDocument:
+def _write(certificate: BisectDocument, done: BisectionResult, opened: Store, folder: Path) -> BisectDocument:
     """Write the certificate and the locks of both neighbours. Return the certificate with the paths of these files."""
     files = [folder / "bisect.json", folder / "bisect.md"]
     sides = {}
     for side, step in (("good", done.good), ("bad", done.bad)):
-        entry = getattr(made, side)
+        entry = getattr(certificate, side)
         if step and entry and step.trial.record.lock:
             path = folder / f"{side}.lock.txt"
             store.write_atomic(path, (opened.folder / step.trial.record.lock).read_bytes())
             files.append(path)
             sides[side] = msgspec.structs.replace(entry, lock=path.name)
-    made = msgspec.structs.replace(made, **sides, files=tuple(path.name for path in files))
-    store.write_atomic(files[0], msgspec.json.format(msgspec.json.encode(made)) + b"\n")
-    store.write_atomic(files[1], certificates.page(made).encode())
-    return msgspec.structs.replace(made, files=tuple(os.path.relpath(path) for path in files))
+    certificate = msgspec.structs.replace(certificate, **sides, files=tuple(path.name for path in files))
+    store.write_atomic(files[0], msgspec.json.format(msgspec.json.encode(certificate)) + b"\n")
+    store.write_atomic(files[1], certificates.page(certificate).encode())
+    return msgspec.structs.replace(certificate, files=tuple(os.path.relpath(path) for path in files))

@@ -14,12 +14,12 @@ from pathlib import Path
 from harness.ci import pipelines
 from harness.ci.pipelines import Pipeline, Provider
 from harness.commands import select_cells
-from harness.commands.select_cells import selected
+from harness.commands.select_cells import select
 from harness.machine.console import tell
 from harness.machine.files import given_files
 from harness.model import Plan
 from harness.model.errors import BadInput
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.reports import publishing
 from harness.reports.template_files import read_template
 from harness.reports.text import github_annotations
@@ -74,7 +74,7 @@ def main(args: argparse.Namespace) -> int:
         message = "--check compares and --out writes: name one of them"
         raise BadInput(message)
     plan = open_matrix.load(args.matrix, tell, offline=True)
-    selected(plan.cells, None)
+    select(plan.cells, None)
     count = _shards(args, plan)
     match args.emit:
         case "summary":
@@ -151,13 +151,13 @@ def installable() -> str | None:
 
 def _this_version(*, quiet: bool) -> str:
     """Return the pip arguments for this simmatrix. If only this machine has it, guess the release and print a note."""
-    known = installable()
-    if known is None and not quiet:
+    requirement = installable()
+    if requirement is None and not quiet:
         tell(
             f"note: this simmatrix was not installed from an index, which may not have {version('simmatrix')}; "
             "--install names what pip is to install, such as git+ADDRESS@COMMIT"
         )
-    return known or f"simmatrix=={version('simmatrix')}"
+    return requirement or f"simmatrix=={version('simmatrix')}"
 
 
 def _state(path: str | None) -> str:
@@ -213,6 +213,6 @@ def _check(file: Path, text: str) -> int:
     for line in lines[:DIFFERENCES]:
         tell(line)
     if len(lines) > DIFFERENCES:
-        tell(f"... and {number(len(lines) - DIFFERENCES, 'more line')}")
+        tell(f"... and {format_count(len(lines) - DIFFERENCES, 'more line')}")
     tell(f"{file}: is out of date; the command in its first lines, with --out {file}, makes it again")
     return 1

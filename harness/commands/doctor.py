@@ -143,40 +143,40 @@ def main(args: argparse.Namespace) -> int:
         doctor_pyz.write(args.standalone)
         print(f"{args.standalone}: type `python {args.standalone} doctor` or `... explain FILE` where no harness is")
         return 0
-    known = doctor.Knowledge(signatures(), result_index.load)
-    asked = doctor.Asked(args.python, args.env, dict(os.environ), str(Path.cwd()))
-    looks = in_place.Looks(env=args.env, api=args.api, rendering=args.rendering)
+    knowledge = doctor.Knowledge(signatures(), result_index.load)
+    request = doctor.Request(args.python, args.env, dict(os.environ), str(Path.cwd()))
+    looks = in_place.HostInspection(env=args.env, api=args.api, rendering=args.rendering)
     try:
-        plain = doctor.document(asked, in_place.run, known, looks.more)
+        plain = doctor.document(request, in_place.run, knowledge, looks.more)
     except NoEnvironment as error:
         message = f"doctor: {error}"
         raise BadInput(message) from None
     if args.prove:
         plain["proof"] = prove_in_copy.proof(plain, env=args.env, offline=args.offline)
-    made = msgspec.convert({**plain, "tried": looks.tried}, Doctored)
+    document = msgspec.convert({**plain, "tried": looks.tried}, Doctored)
     if looks.drawn:
-        made = msgspec.structs.replace(
-            made, rendering=looks.drawn.rendering, diagnoses=(*made.diagnoses, *looks.drawn.diagnoses)
+        document = msgspec.structs.replace(
+            document, rendering=looks.drawn.rendering, diagnoses=(*document.diagnoses, *looks.drawn.diagnoses)
         )
     if args.json:
-        print_json(msgspec.json.encode(made))
+        print_json(msgspec.json.encode(document))
     else:
-        print("\n".join(wrapping.wrapped(_lines(plain, made), wrapping.width(sys.stdout))))
+        print("\n".join(wrapping.wrap_lines(_lines(plain, document), wrapping.width(sys.stdout))))
     return doctor.code(plain)
 
 
 def signatures() -> list[Any]:
     """Return the known failures in the form that the standalone modules read."""
-    return [matching.read(one.as_file) for one in shipped_signatures.known()]
+    return [matching.read(one.as_file) for one in shipped_signatures.load_all()]
 
 
-def _lines(plain: Mapping[str, Any], made: Doctored) -> list[str]:
+def _lines(plain: Mapping[str, Any], document: Doctored) -> list[str]:
     lines = list(doctor.lines(plain, changes.in_words))
-    if made.tried and made.tried.decisive is None:
-        lines += ["", made.tried.said]
-    if made.proof:
-        lines += ["", *prove_in_copy.lines(made.proof)]
-    if made.rendering:
-        lines += ["", *doctor_rendering.lines(made.rendering)]
-        lines += [f"known: {one.cause}" for one in made.diagnoses if one.phase is None]
+    if document.tried and document.tried.decisive is None:
+        lines += ["", document.tried.said]
+    if document.proof:
+        lines += ["", *prove_in_copy.lines(document.proof)]
+    if document.rendering:
+        lines += ["", *doctor_rendering.lines(document.rendering)]
+        lines += [f"known: {one.cause}" for one in document.diagnoses if one.phase is None]
     return lines

@@ -24,7 +24,7 @@ from harness.standalone.explain import explain
 from harness.standalone.explain.explain import HELP, split
 from harness.standalone.explain.wording import Place
 
-__all__ = ["HELP", "Explained", "add_arguments", "known", "main", "split"]
+__all__ = ["HELP", "Explained", "add_arguments", "main", "signatures", "split"]
 
 FOLDER = "outputs"
 MOST = 20
@@ -55,26 +55,26 @@ def main(args: argparse.Namespace) -> int:
     """Explain a text, or run the command and explain it where it fails, or open a known issue."""
     if args.id is not None:
         return _open(args.id)
-    knows = explain.Knowledge(known=known, measured=result_index.load)
+    knows = explain.Knowledge(known=signatures, measured=result_index.load)
     try:
         if args.after is None:
             return explain.of_text(args, knows, Place())
         return explain.of_command(args, args.after, knows, Place(kept=_output(args.after)))
-    except explain.Bad as error:
+    except explain.UsageError as error:
         raise BadInput(str(error)) from None
 
 
 def _open(identifier: str) -> int:
     """Print a known issue; the exit code is 0. Raises BadInput."""
-    found = known_issues.find(identifier, issue_texts.load(), result_index.load()["cells"])
+    issue = known_issues.find(identifier, issue_texts.load(), result_index.load()["cells"])
     width = shutil.get_terminal_size().columns
-    print("\n".join(text for line in known_issues.lines(found) for text in wrapped(line, width)))
+    print("\n".join(text for line in known_issues.lines(issue) for text in wrapped(line, width)))
     return 0
 
 
-def known() -> list[matching.Known]:
+def signatures() -> list[matching.Signature]:
     """Return the known failures in the form that the standalone modules read."""
-    return [matching.read(one.as_file) for one in shipped_signatures.known()]
+    return [matching.read(one.as_file) for one in shipped_signatures.load_all()]
 
 
 def _output(command: Sequence[str]) -> str | None:

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import msgspec
 
-from harness.commands.select_cells import JOBS, committed_report, durations, jobs, selected
+from harness.commands.select_cells import JOBS, committed_report, durations, jobs, select
 from harness.judging.assess import assess
 from harness.machine import store
 from harness.machine.console import tell
 from harness.machine.files.file_locks import exclusive
 from harness.model import Cell, CellRecord, Phase, Plan
 from harness.model.errors import BadInput
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.reports.text import progress
 from harness.running import controls, offline_bundle, offline_collect, open_matrix, scheduler
 from harness.running.offline_bundle import FetchedCell, FetchedMatrix, Manifest
@@ -42,30 +42,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Fetch all cells. Return 0 if each has its files, or the reason why it has no lock; else 3."""
     planned = open_matrix.load(args.matrix, tell)
-    _check_no_subject(args.matrix, selected(planned.cells, args.k))
+    _check_no_subject(args.matrix, select(planned.cells, args.k))
     opened = store.open_store()
     folder = store.writable(args.to).absolute()
     with exclusive(folder / ".fetch.lock"):
         earlier = _earlier(folder, args.matrix, planned.matrix)
         plan = _dated(planned, earlier, opened)
-        cells = selected(plan.cells, args.k)
+        cells = select(plan.cells, args.k)
         with progress.Progress(len(cells), args.jobs, _headline) as board:
             settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE)
             records = scheduler.run([replace(cell, needs=(), system=()) for cell in cells], opened, settings, board)
-        beside = scheduler.run(_controls(records, opened), opened, settings, scheduler.Beside(board))
-        bringing = offline_collect.Bringing(folder, opened, tell)
-        found, known_good = bringing.cells(records), bringing.cells(beside)
-        manifest = _manifest(bringing, args.matrix, plan, earlier, (*found, *known_good))
+        beside = scheduler.run(_controls(records, opened), opened, settings, scheduler.QuietObserver(board))
+        bringing = offline_collect.Collector(folder, opened, tell)
+        fetched_cells, known_good = bringing.cells(records), bringing.cells(beside)
+        manifest = _manifest(bringing, args.matrix, plan, earlier, (*fetched_cells, *known_good))
         offline_collect.write(folder, manifest)
-    _tell_pythons(manifest, found)
-    for one in known_good:
-        if one.lock is None:
-            tell(f"{one.id}: not fetched, and so cannot be run when a cell fails: {one.decisive}")
+    _tell_pythons(manifest, fetched_cells)
+    for control in known_good:
+        if control.lock is None:
+            tell(f"{control.id}: not fetched, and so cannot be run when a cell fails: {control.decisive}")
     if args.json:
         print_json((folder / offline_bundle.MANIFEST).read_bytes())
     else:
-        _summary(found, folder, bringing.brought)
-    return 0 if all(cell.complete for cell in found) else 3
+        _summary(fetched_cells, folder, bringing.brought)
+    return 0 if all(cell.complete for cell in fetched_cells) else 3
 
 
 def _check_no_subject(name: str, cells: Sequence[Cell]) -> None:
@@ -78,13 +78,13 @@ def _check_no_subject(name: str, cells: Sequence[Cell]) -> None:
 def _controls(records: Sequence[CellRecord], opened: store.Store) -> tuple[Cell, ...]:
     """Return the controls that have to run if one of these cells fails."""
     locked = ((one.cell, (opened.folder / one.lock).read_text(encoding="utf-8")) for one in records if one.lock)
-    found = (control for cell, lock in locked for control in controls.possible(cell, lock))
-    return tuple({control.id: control for control in found}.values())
+    possible = (control for cell, lock in locked for control in controls.possible(cell, lock))
+    return tuple({control.id: control for control in possible}.values())
 
 
 def _earlier(folder: Path, name: str, matrix: str) -> Manifest | None:
     """Return the manifest of earlier fetches, without this matrix if it has changed since. None if there is none."""
-    old = offline_collect.intact(folder)
+    old = offline_collect.load_intact(folder)
     mine = next((one for one in old.matrices if one.name == matrix), None) if old else None
     if old is None or mine is None:
         return old
@@ -94,32 +94,36 @@ def _earlier(folder: Path, name: str, matrix: str) -> Manifest | None:
     ):
         return old
     tell(f"{name}: was changed since it was fetched; its cells are fetched anew")
-    kept = msgspec.structs.replace(
+    manifest = msgspec.structs.replace(
         old,
         matrices=tuple(one for one in old.matrices if one is not mine),
         cells=tuple(one for one in old.cells if one.matrix != matrix),
         files={file: known for file, known in old.files.items() if file not in {mine.file, *mine.beside}},
     )
-    offline_collect.write(folder, kept)
-    return kept
+    offline_collect.write(folder, manifest)
+    return manifest
 
 
 def _dated(planned: Plan, earlier: Manifest | None, opened: store.Store) -> Plan:
     """Return the plan as of the instant of the earlier fetch, if any: all its cells in the folder share one instant."""
     instants = {one.name: one.instant for one in earlier.matrices} if earlier else {}
     instant = instants.get(planned.matrix)
-    return open_matrix.as_of(planned, instant) if instant else open_matrix.dated(planned, opened)
+    return open_matrix.as_of(planned, instant) if instant else open_matrix.set_instant(planned, opened)
 
 
 def _manifest(
-    bringing: offline_collect.Bringing, name: str, plan: Plan, earlier: Manifest | None, found: Sequence[FetchedCell]
+    bringing: offline_collect.Collector,
+    name: str,
+    plan: Plan,
+    earlier: Manifest | None,
+    fetched_cells: Sequence[FetchedCell],
 ) -> Manifest:
     mine = bringing.files(plan.matrix, open_matrix.files(name), plan.cells[0].question.snapshot)
     report = committed_report(open_matrix.locate(name), plan.matrix)
     mine = msgspec.structs.replace(mine, seconds=durations([report] if report else []))
     before: tuple[FetchedMatrix, ...] = earlier.matrices if earlier else ()
     matrices = {one.name: one for one in (*before, mine)}
-    cells = {one.id: one for one in (*(earlier.cells if earlier else ()), *found)}
+    cells = {one.id: one for one in (*(earlier.cells if earlier else ()), *fetched_cells)}
     return Manifest(
         made=store.now(),
         harness=version("simmatrix"),
@@ -135,21 +139,23 @@ def _headline(record: CellRecord) -> str:
     return "locked" if record.lock else assess(record).verdict.value
 
 
-def _tell_pythons(manifest: Manifest, found: Sequence[FetchedCell]) -> None:
+def _tell_pythons(manifest: Manifest, fetched_cells: Sequence[FetchedCell]) -> None:
     """Say which Pythons the other machine has to have."""
-    needed = {(cell.implementation, cell.python) for cell in found}
+    needed = {(cell.implementation, cell.python) for cell in fetched_cells}
     for python in manifest.pythons:
         if python.file is None and (python.implementation, python.version) in needed:
             tell(f"{python.implementation} {python.version} must exist where this is run: it {python.note}")
 
 
-def _summary(found: Sequence[FetchedCell], folder: Path, brought: int) -> None:
-    for cell in found:
+def _summary(fetched_cells: Sequence[FetchedCell], folder: Path, brought: int) -> None:
+    for cell in fetched_cells:
         if cell.lock is None:
             what = "no lock" if cell.complete else "not fetched"
             print(f"{cell.id}  {what}: {cell.decisive}")
-    locked = [cell for cell in found if cell.lock]
-    wheels = {name for cell in found for name in cell.wheels}
-    counted = f"{number(len(found), 'cell')}, {len(locked)} with a lock; {number(len(wheels), 'wheel')}"
+    locked = [cell for cell in fetched_cells if cell.lock]
+    wheels = {name for cell in fetched_cells for name in cell.wheels}
+    counted = (
+        f"{format_count(len(fetched_cells), 'cell')}, {len(locked)} with a lock; {format_count(len(wheels), 'wheel')}"
+    )
     print(f"{counted}; {brought / 1e6:.1f} MB brought into {os.path.relpath(folder)}")
-    print(f"without network: simmatrix run {found[0].matrix} --fetched {os.path.relpath(folder)}")
+    print(f"without network: simmatrix run {fetched_cells[0].matrix} --fetched {os.path.relpath(folder)}")

@@ -15,7 +15,7 @@ from harness.running import open_matrix
 LISTED = 10
 
 
-def named(verb: str, text: str, opened: Store, *, offline: bool = False) -> tuple[Plan, Cell]:
+def find(verb: str, text: str, opened: Store, *, offline: bool = False) -> tuple[Plan, Cell]:
     """Return the plan and its cell, as the matrix plans it today; a cell of `try` as it was run. Raises BadInput."""
     matrix, _, label = text.partition("/")
     if text.endswith(".toml") or not label:
@@ -24,30 +24,30 @@ def named(verb: str, text: str, opened: Store, *, offline: bool = False) -> tupl
         )
         raise BadInput(message)
     if matrix == plan.TRY_MATRIX:
-        return _tried(verb, text, opened)
+        return _find_try_cell(verb, text, opened)
     name, _, label = text.rpartition(".toml/")  # a matrix of the user's own: PATH.toml/LABEL
     planned = open_matrix.load(f"{name}.toml" if name else matrix, tell, offline=offline)
-    planned = open_matrix.dated(planned, opened, offline=offline)
-    found = _one(verb, text, label or text, planned.cells)
-    misspelt.check_cells([found], tell, offline=offline)
-    return planned, found
+    planned = open_matrix.set_instant(planned, opened, offline=offline)
+    cell = _match_cell(verb, text, label or text, planned.cells)
+    misspelt.check_cells([cell], tell, offline=offline)
+    return planned, cell
 
 
-def _tried(verb: str, text: str, opened: Store) -> tuple[Plan, Cell]:
+def _find_try_cell(verb: str, text: str, opened: Store) -> tuple[Plan, Cell]:
     here = this_machine.facts().id
-    known = [one.cell for one in opened.cells() if one.machine == here and one.cell.matrix == plan.TRY_MATRIX]
-    cell = _one(verb, text, text, known)
+    cells = [one.cell for one in opened.cells() if one.machine == here and one.cell.matrix == plan.TRY_MATRIX]
+    cell = _match_cell(verb, text, text, cells)
     return Plan(matrix=cell.matrix, cells=(cell,), axes=tuple(cell.axes)), cell
 
 
-def _one(verb: str, text: str, pattern: str, cells: tuple[Cell, ...] | list[Cell]) -> Cell:
-    found = cellid.chosen(pattern, cells)
-    if len(found) == 1:
-        return found[0]
-    if found:
-        more = f", and {len(found) - LISTED} more" if len(found) > LISTED else ""
-        names = ", ".join(cell.id for cell in found[:LISTED])
-        message = f"{verb} {text}: matches {len(found)} cells; name one of {names}{more}"
+def _match_cell(verb: str, text: str, pattern: str, cells: tuple[Cell, ...] | list[Cell]) -> Cell:
+    matches = cellid.select(pattern, cells)
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        more = f", and {len(matches) - LISTED} more" if len(matches) > LISTED else ""
+        names = ", ".join(cell.id for cell in matches[:LISTED])
+        message = f"{verb} {text}: matches {len(matches)} cells; name one of {names}{more}"
     else:
         near = suggestion(text, [cell.id for cell in cells])
         message = f"{verb} {text}: there is no such cell{near}"

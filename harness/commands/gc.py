@@ -16,7 +16,7 @@ from rich.filesize import decimal
 
 from harness.machine import store
 from harness.machine.console import tell
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.packages import uv_command
 from harness.running import cleanup
 from harness.running.cleanup import DAY, Item, Kind, disk_usage
@@ -74,11 +74,11 @@ def main(args: argparse.Namespace) -> int:
     size_before = disk_usage(places.cache, places.state)
     basket = _Basket(dry=args.dry_run, cache=places.cache)
     size = _pruned(places, basket, size_before)
-    basket.take(cleanup.chosen(cleanup.find(places), size, before=before, most=args.max_size))
+    basket.take(cleanup.select_items(cleanup.find(places), size, before=before, most=args.max_size))
     if Kind.RECORD in basket.numbers and not args.dry_run:  # what only they named is waste now
         basket.take([item for item in cleanup.find(places) if item.waste])
     size_after = size_before - basket.size if args.dry_run else disk_usage(places.cache, places.state)
-    made = Collected(
+    summary = Collected(
         dry_run=args.dry_run,
         removed=tuple(
             Removed(kind=kind, number=count, bytes=round(basket.sizes[kind])) for kind, count in basket.numbers.items()
@@ -89,13 +89,13 @@ def main(args: argparse.Namespace) -> int:
         size_after=size_after,
     )
     if args.json:
-        print_json(msgspec.json.encode(made))
+        print_json(msgspec.json.encode(summary))
     else:
-        _print(made)
+        _print(summary)
     if args.older_than is None and args.max_size is None:
         _suggest(places)
-    elif args.max_size is not None and made.size_after > args.max_size:
-        tell(f"{decimal(made.size_after)} are left: the rest is in use, too young, or cannot be made again")
+    elif args.max_size is not None and summary.size_after > args.max_size:
+        tell(f"{decimal(summary.size_after)} are left: the rest is in use, too young, or cannot be made again")
     return 0
 
 
@@ -150,18 +150,18 @@ def _state() -> Path:
 # --- what is said ----------------------------------------------------------------------------------------------
 
 
-def _print(made: Collected) -> None:
-    for one in made.removed:
-        print(f"{one.kind:<34} {one.number:>6}  {decimal(one.bytes):>9}")
-    verb = "would be freed" if made.dry_run else "freed"
-    used = f"; {number(made.in_use, 'thing')} in use stayed" if made.in_use else ""
-    print(f"{decimal(made.freed)} {verb}, {decimal(made.size_after)} left in cache and state{used}")
+def _print(summary: Collected) -> None:
+    for removal in summary.removed:
+        print(f"{removal.kind:<34} {removal.number:>6}  {decimal(removal.bytes):>9}")
+    verb = "would be freed" if summary.dry_run else "freed"
+    used = f"; {format_count(summary.in_use, 'thing')} in use stayed" if summary.in_use else ""
+    print(f"{decimal(summary.freed)} {verb}, {decimal(summary.size_after)} left in cache and state{used}")
 
 
 def _suggest(places: cleanup.Places) -> None:
     """Print how many bytes a limit would free."""
     items = cleanup.find(places)
-    old = cleanup.chosen(items, 0, before=time() - EXAMPLE * DAY, most=None)
+    old = cleanup.select_items(items, 0, before=time() - EXAMPLE * DAY, most=None)
     could, would = (round(sum(item.size for item in some)) for some in (items, old))
     if could:
         tell(
@@ -182,8 +182,8 @@ def _days(text: str) -> float:
 
 
 def _size(text: str) -> int:
-    found = SIZE.fullmatch(text.strip())
-    if not found:
+    parts = SIZE.fullmatch(text.strip())
+    if not parts:
         message = f"{text!r} is not a size such as 20GB or 500MB"
         raise argparse.ArgumentTypeError(message)
-    return int(float(found[1]) * UNITS[(found[2] or "").lower()])
+    return int(float(parts[1]) * UNITS[(parts[2] or "").lower()])

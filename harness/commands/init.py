@@ -18,7 +18,7 @@ from harness.machine import store
 from harness.machine.console import tell
 from harness.machine.files import given_files
 from harness.model.errors import BadInput, CouldNotTell
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.model.vocabulary import Label
 from harness.packages.requirement_files import project
 from harness.reports.answers import misspelt
@@ -99,7 +99,7 @@ def main(args: argparse.Namespace) -> int:
         message = f"{args.folder}: is not a folder"
         raise BadInput(message)
     files = _Files(say)
-    for line in _told(jobs, args.workflow):
+    for line in _describe_jobs(jobs, args.workflow):
         say(line)
     with chdir(args.folder):
         about = _project()
@@ -117,15 +117,17 @@ def main(args: argparse.Namespace) -> int:
             _workflow(path, args.install, files)
         _next(args, matrices, files)
     if args.json:
-        made = Started(written=tuple(files.written), kept=tuple(files.kept), jobs=jobs, not_found_out=tuple(files.open))
-        print_json(msgspec.json.encode(made, enc_hook=float))
+        document = Started(
+            written=tuple(files.written), kept=tuple(files.kept), jobs=jobs, not_found_out=tuple(files.open)
+        )
+        print_json(msgspec.json.encode(document, enc_hook=float))
     return 3 if files.open else 0
 
 
 def _next(args: argparse.Namespace, matrices: Sequence[Path], files: _Files) -> None:
     """Say what to type next, and what could not be found out."""
     for path, count in files.cells.items():
-        files.say(f"next: simmatrix run {path}  ({number(count, 'cell')})")
+        files.say(f"next: simmatrix run {path}  ({format_count(count, 'cell')})")
         if path.with_suffix(".expanded.json").exists():
             files.say(f"later: simmatrix lock {path} --upgrade  (newer releases, for a scheduled workflow, too)")
     for line in files.open:
@@ -137,16 +139,16 @@ def _next(args: argparse.Namespace, matrices: Sequence[Path], files: _Files) -> 
 
 def _matrices(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace, files: _Files) -> None:
     """Write the matrices that are not there, with the environments of the installed package as their cases."""
-    made = _drafts(about, jobs, args)
-    pythons = next(iter(made.values())).pythons
+    matrix_drafts = _drafts(about, jobs, args)
+    pythons = next(iter(matrix_drafts.values())).pythons
     files.say("asking the installed package for its environments, and trying some of them")
-    found = first_draft.cases(about, pythons, offline=args.offline)
-    if not found.asked:
-        files.open.append(found.notes[0] if found.notes else "the environments of the package")
-    for line in found.notes if found.asked else ():
+    first_cases = first_draft.cases(about, pythons, offline=args.offline)
+    if not first_cases.asked:
+        files.open.append(first_cases.notes[0] if first_cases.notes else "the environments of the package")
+    for line in first_cases.notes if first_cases.asked else ():
         files.say(f"  {line}")
-    for name, draft in made.items():
-        whole = first_draft.completed(draft, about, found, offline=args.offline)
+    for name, draft in matrix_drafts.items():
+        whole = first_draft.complete(draft, about, first_cases, offline=args.offline)
         path, template = _path(name), read_template("matrix.toml.j2")
         if not files.write(path, drafts.text_of(whole, template)):
             files.say(f"{path}: is there already and stays as it is")
@@ -193,12 +195,12 @@ def _drafts(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace) -> 
     name = _name(about, args.name)
     if not args.workflow:
         return {name: drafts.of_project(about)}
-    made = {job.name: drafts.of_legs(job.legs, args.workflow.name) for job in jobs}
-    known = {job: draft for job, draft in made.items() if draft}
-    if not known:
+    job_drafts = {job.name: drafts.of_legs(job.legs, args.workflow.name) for job in jobs}
+    readable_drafts = {job: draft for job, draft in job_drafts.items() if draft}
+    if not readable_drafts:
         message = f"{args.workflow}: no leg of it can be understood; `simmatrix init` alone starts from the project"
         raise BadInput(message)
-    return {name if len(known) == 1 else f"{name}-{job}": draft for job, draft in known.items()}
+    return {name if len(readable_drafts) == 1 else f"{name}-{job}": draft for job, draft in readable_drafts.items()}
 
 
 def _names(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace) -> tuple[str, ...]:
@@ -270,10 +272,10 @@ def _jobs(workflow: Path) -> tuple[Job, ...]:
     return workflows.read(given_files.read_text(workflow, f"--from {workflow}"), str(workflow))
 
 
-def _told(jobs: tuple[Job, ...], workflow: Path) -> Iterator[str]:
+def _describe_jobs(jobs: tuple[Job, ...], workflow: Path) -> Iterator[str]:
     """Yield lines on each leg: its combination, the packages it installs, and claims that it does not keep."""
     for job in jobs:
-        yield f"{workflow}: job {job.name}: {number(len(job.legs), 'combination')}"
+        yield f"{workflow}: job {job.name}: {format_count(len(job.legs), 'combination')}"
         for leg in job.legs:
             yield f"  {leg.combination}"
             yield f"    installs {_installs(leg)}"
@@ -285,12 +287,12 @@ def _told(jobs: tuple[Job, ...], workflow: Path) -> Iterator[str]:
         yield from (f"  {note}" for note in job.notes)
         empty = sum(any(claim.fate in {Fate.NEVER, Fate.OTHERWISE} for claim in leg.claims) for leg in job.legs)
         if empty:
-            yield f"  {empty} of {number(len(job.legs), 'combination')} claimed and never installed as such"
+            yield f"  {empty} of {format_count(len(job.legs), 'combination')} claimed and never installed as such"
 
 
 def _installs(leg: Leg) -> str:
     own = [] if leg.extras is None else [f".[{','.join(leg.extras)}]" if leg.extras else "."]
     python = [f"Python {leg.python}"] if leg.python else []
     handed = [f"{claim.name} {claim.value} by {claim.why}" for claim in leg.claims if claim.fate is Fate.HANDED_ON]
-    told = ", ".join([*python, *own, *leg.requirements, *leg.unread]) or "nothing that can be read"
-    return told + (f" (perhaps {'; '.join(handed)})" if handed else "")
+    summary = ", ".join([*python, *own, *leg.requirements, *leg.unread]) or "nothing that can be read"
+    return summary + (f" (perhaps {'; '.join(handed)})" if handed else "")

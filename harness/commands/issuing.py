@@ -45,7 +45,7 @@ def issue(record: CellRecord, entry: CellEntry, opened: Store) -> str:
         instant=record.measured,
         texts=dict(_texts(record, entry, opened.folder)),
     )
-    return redacting.redacted(upstream.issue(failing), words())
+    return redacting.redacted(upstream.issue(failing), find_private_names())
 
 
 def is_red(entry: CellEntry) -> bool:
@@ -72,13 +72,13 @@ def _read(path: Path) -> str | None:
         return None
 
 
-def words() -> dict[str, str]:
+def find_private_names() -> dict[str, str]:
     """Return the private names of this machine, its user and its indexes, each with its replacement."""
-    found: dict[str, str] = {str(Path.home()): "~"}
+    replacements: dict[str, str] = {str(Path.home()): "~"}
     with suppress(OSError, KeyError):  # nobody of that number is known here
-        found[getpass.getuser()] = "<user>"
+        replacements[getpass.getuser()] = "<user>"
     name = socket.gethostname()
-    found |= {name: "<host>", name.partition(".")[0]: "<host>"}
+    replacements |= {name: "<host>", name.partition(".")[0]: "<host>"}
     for variable in (
         "UV_INDEX_URL",
         "UV_DEFAULT_INDEX",
@@ -90,5 +90,7 @@ def words() -> dict[str, str]:
         for part in os.environ.get(variable, "").split():
             host = urlsplit(part.partition("=")[2] if "=" in part.partition("://")[0] else part).hostname
             if host and host not in PUBLIC:
-                found[host] = "<index>"
-    return {word: instead for word, instead in found.items() if word and word.lower() not in NOBODY and len(word) > 2}
+                replacements[host] = "<index>"
+    return {
+        word: instead for word, instead in replacements.items() if word and word.lower() not in NOBODY and len(word) > 2
+    }

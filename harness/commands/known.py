@@ -15,10 +15,10 @@ from packaging.version import Version
 from harness.judging import known_issues
 from harness.judging.known_issues import Issue
 from harness.model.errors import BadInput
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.model.vocabulary import required_name
 from harness.reports.answers import measured_cells, result_index
-from harness.reports.answers.measured_cells import Known
+from harness.reports.answers.measured_cells import CellResult
 from harness.reports.answers.recommended_text import wrapped
 from harness.running import issue_texts
 from harness.standalone.output import print_json
@@ -55,7 +55,7 @@ def main(args: argparse.Namespace) -> int:
     """Print measured packages and known issues: all, or those of a name. An unknown name raises BadInput (exit 2)."""
     document = result_index.load()
     issues = known_issues.with_cells(issue_texts.load(), document["cells"])
-    answer = _answer(args.name, measured_cells.known(document), issues)
+    answer = _answer(args.name, measured_cells.read(document), issues)
     if args.json:
         print_json(msgspec.json.encode(answer))
         return 0
@@ -64,7 +64,7 @@ def main(args: argparse.Namespace) -> int:
     return 0
 
 
-def _answer(name: str | None, cells: Sequence[Known], issues: Sequence[Issue]) -> KnownDocument:
+def _answer(name: str | None, cells: Sequence[CellResult], issues: Sequence[Issue]) -> KnownDocument:
     """Return everything, or the package or the issue of a name. Raises BadInput."""
     packages = sorted({package for one in cells for package in one.exercised | (one.named & one.pins.keys())})
     if name is None:
@@ -75,16 +75,16 @@ def _answer(name: str | None, cells: Sequence[Known], issues: Sequence[Issue]) -
         mine = [one for one in issues if package in _concerned(one)]
         entry = _package(package, cells, issues)
         return KnownDocument(packages=(entry,), issues=tuple(mine))
-    found = known_issues.named(name, issues)
-    if found:
-        return KnownDocument(packages=(), issues=(found,))
+    issue = known_issues.lookup(name, issues)
+    if issue:
+        return KnownDocument(packages=(), issues=(issue,))
     near = get_close_matches(name.lower(), [*packages, *(one.id for one in issues)], n=3)
     hint = f"; did you mean {' or '.join(near)}?" if near else "; `simmatrix known` lists all"
     message = f"{name}: no package of this name was measured, and no known issue has this id{hint}"
     raise BadInput(message)
 
 
-def _package(name: str, cells: Sequence[Known], issues: Sequence[Issue]) -> PackageEntry:
+def _package(name: str, cells: Sequence[CellResult], issues: Sequence[Issue]) -> PackageEntry:
     mine = [one for one in cells if name in one.about and one.version(name)]
     works = {str(one.version(name)) for one in mine if one.works and name in one.exercised}
     others = {str(one.version(name)) for one in mine} - works
@@ -98,9 +98,9 @@ def _package(name: str, cells: Sequence[Known], issues: Sequence[Issue]) -> Pack
     )
 
 
-def _concerned(one: Issue) -> set[str]:
+def _concerned(issue: Issue) -> set[str]:
     """Return the packages that take part in a known issue."""
-    return set(map(required_name, one.packages))
+    return set(map(required_name, issue.packages))
 
 
 def _lines(answer: KnownDocument, name: str | None) -> Iterator[str]:
@@ -111,7 +111,7 @@ def _lines(answer: KnownDocument, name: str | None) -> Iterator[str]:
         yield from _of_package(answer.packages[0])
     else:
         yield f"{len(answer.packages)} packages were measured; `simmatrix known PACKAGE` opens one"
-        yield from (f"  {one.name}  {_newest(one)}, {number(one.cells, 'cell')}" for one in answer.packages)
+        yield from (f"  {one.name}  {_newest(one)}, {format_count(one.cells, 'cell')}" for one in answer.packages)
     yield ""
     yield f"{len(answer.issues)} known issues; `simmatrix known ID` opens one"
     yield from (
@@ -119,17 +119,17 @@ def _lines(answer: KnownDocument, name: str | None) -> Iterator[str]:
     )
 
 
-def _newest(one: PackageEntry) -> str:
-    if not one.works:
-        return f"{number(len(one.others), 'release')}, none works as a whole"
-    return f"{number(len(one.works), 'release')} that work, up to {one.works[0]}"
+def _newest(package: PackageEntry) -> str:
+    if not package.works:
+        return f"{format_count(len(package.others), 'release')}, none works as a whole"
+    return f"{format_count(len(package.works), 'release')} that work, up to {package.works[0]}"
 
 
-def _of_package(one: PackageEntry) -> Iterator[str]:
-    yield f"{one.name}: {number(one.cells, 'cell')}"
-    yield f"  works      {', '.join(one.works) or 'no release as a whole'}"
-    if one.others:
-        yield f"  not so     {', '.join(one.others)}: no cell of these works as a whole"
-    yield f"  reports    {', '.join(one.reports)}"
-    yield from (f"  simmatrix report {report}" for report in one.reports)
-    yield f"  simmatrix recommend {one.name}"
+def _of_package(package: PackageEntry) -> Iterator[str]:
+    yield f"{package.name}: {format_count(package.cells, 'cell')}"
+    yield f"  works      {', '.join(package.works) or 'no release as a whole'}"
+    if package.others:
+        yield f"  not so     {', '.join(package.others)}: no cell of these works as a whole"
+    yield f"  reports    {', '.join(package.reports)}"
+    yield from (f"  simmatrix report {report}" for report in package.reports)
+    yield f"  simmatrix recommend {package.name}"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness.commands.select_cells import JOBS, jobs, selected
+from harness.commands.select_cells import JOBS, jobs, select
 from harness.judging.assess import assess
 from harness.machine import store
 from harness.machine.console import tell
@@ -59,8 +59,8 @@ def main(args: argparse.Namespace) -> int:
     opened = store.open_store()
     ask = resolving.asking(opened, settings)
     planned = open_matrix.load(args.matrix, tell, offline=args.offline, renew=args.upgrade, ask=ask)
-    plan = open_matrix.dated(planned, opened, renew=args.upgrade, offline=args.offline)
-    cells = selected(plan.cells, args.k)
+    plan = open_matrix.set_instant(planned, opened, renew=args.upgrade, offline=args.offline)
+    cells = select(plan.cells, args.k)
     misspelt.check_cells(cells, tell, offline=args.offline)
     with progress.Progress(len(cells), args.jobs, _headline) as board:
         records = scheduler.run(cells, opened, settings, board)
@@ -71,11 +71,11 @@ def main(args: argparse.Namespace) -> int:
     else:
         for record in records:
             print(f"{record.cell.id}  {record.lock or assess(record).decisive}")
-    unexpected = [assess(record).verdict for record in records if not record.lock and not _foreseen(record)]
+    unexpected = [assess(record).verdict for record in records if not record.lock and not _expects_no_lock(record)]
     return 0 if not unexpected else 3 if set(unexpected) <= UNTOLD else 1
 
 
-def _foreseen(record: CellRecord) -> bool:
+def _expects_no_lock(record: CellRecord) -> bool:
     """Return whether the matrix expects that the cell has no lock."""
     expect = record.cell.expect
     return expect is not None and expect.verdict in {Verdict.UNRESOLVABLE, Verdict.UNINSTALLABLE}

@@ -14,7 +14,7 @@ from harness.machine import store
 from harness.machine.files import given_files
 from harness.model import Verdict
 from harness.model.errors import BadInput
-from harness.model.report_types import Document, number
+from harness.model.report_types import Document, format_count
 from harness.reports import document, merging, publishing
 from harness.reports.tables import tables
 from harness.reports.text import terminal
@@ -49,18 +49,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Write the merged report and print a summary; the exit code is that of `run`."""
     folder = args.out or store.state_folder() / "merged"
-    reports = _found(args.sources, folder)
+    reports = _find_reports(args.sources, folder)
     files = _Files()
-    whole = merging.united([files.taken(path) for path in reports])
+    whole = merging.merge([files.taken(path) for path in reports])
     pivot = tuple(args.pivot) if args.pivot else None
     tables.check_pivot(pivot, [matrix.axes for matrix in whole.matrices.values()])
-    whole, copies = merging.placed(whole)
+    whole, copies = merging.assign_paths(whole)
     files.copy(copies, store.writable(folder))
     publishing.write(whole, folder, pivot)
     _print("json" if args.json else args.format, whole, folder, pivot)
     _tell(whole, len(reports), files.missing)
-    told = sys.stdout if args.format == "terminal" and not args.json else sys.stderr
-    print(f"report: {os.path.relpath(folder)}", file=told)
+    stream = sys.stdout if args.format == "terminal" and not args.json else sys.stderr
+    print(f"report: {os.path.relpath(folder)}", file=stream)
     return document.exit_code(whole, args.fail_on)
 
 
@@ -71,36 +71,39 @@ def _print(form: str, whole: Document, folder: Path, pivot: tuple[str, str] | No
         case "md":
             sys.stdout.write(publishing.page(tables.report(whole, pivot)))
         case _:
-            print_json(document.encode(document.moved(whole, publishing.seen_from_here(folder))))
+            print_json(document.encode(document.relocate(whole, publishing.seen_from_here(folder))))
 
 
 def _tell(whole: Document, reports: int, missing: int) -> None:
     gaps = sum(cell.verdict is Verdict.NOT_RUN for cell in whole.cells)
-    told = f"{number(reports, 'report')} merged: {number(len({cell.id for cell in whole.cells}), 'cell')}"
-    machines = f" on {number(len(whole.machines), 'machine')}" if len(whole.machines) > 1 else ""
-    print(f"{told}{machines}, {gaps or 'none'} not run", file=sys.stderr)
+    summary = (
+        f"{format_count(reports, 'report')} merged: {format_count(len({cell.id for cell in whole.cells}), 'cell')}"
+    )
+    machines = f" on {format_count(len(whole.machines), 'machine')}" if len(whole.machines) > 1 else ""
+    print(f"{summary}{machines}, {gaps or 'none'} not run", file=sys.stderr)
     if missing:
         print(
-            f"{number(missing, 'file')} that the reports name are not beside them, and were left out", file=sys.stderr
+            f"{format_count(missing, 'file')} that the reports name are not beside them, and were left out",
+            file=sys.stderr,
         )
 
 
 # --- where reports are -----------------------------------------------------------------------------------------
 
 
-def _found(names: Sequence[str], out: Path) -> list[Path]:
+def _find_reports(names: Sequence[str], out: Path) -> list[Path]:
     """Return every report in these places once. An earlier output of this command counts only if it is named itself."""
     written = (out / NAME).resolve()
-    known: dict[Path, Path] = {}
+    reports: dict[Path, Path] = {}
     for name in names:
         place = Path(name)
         whole = {place, place / NAME}
-        found = [place] if place.is_file() else list(_below(place))
-        if not found:
+        matches = [place] if place.is_file() else list(_below(place))
+        if not matches:
             message = f"{name}: no {NAME} here, nor in the folders below; `simmatrix run MATRIX --out DIR` writes one"
             raise BadInput(message)
-        known |= {path.resolve(): path for path in found if path in whole or path.resolve() != written}
-    return list(known.values())
+        reports |= {path.resolve(): path for path in matches if path in whole or path.resolve() != written}
+    return list(reports.values())
 
 
 def _below(folder: Path) -> Iterator[Path]:
@@ -125,10 +128,10 @@ class _Files:
 
     def taken(self, path: Path) -> merging.Source:
         """Read a report, and replace the name of each file by a token of its path and content."""
-        made = document.read(given_files.read_content(path), str(path))
-        known = {name: self._token(path.parent, name) for name in sorted(document.paths(made))}
-        self.missing += sum(not token for token in known.values())
-        return merging.Source(name=str(path), document=merging.tokened(made, known))
+        report = document.read(given_files.read_content(path), str(path))
+        tokens = {name: self._token(path.parent, name) for name in sorted(document.paths(report))}
+        self.missing += sum(not token for token in tokens.values())
+        return merging.Source(name=str(path), document=merging.replace_paths(report, tokens))
 
     def _token(self, folder: Path, name: str) -> str:
         path = PurePosixPath(name)
@@ -155,7 +158,7 @@ class _Files:
                 message = f"{target} leads out of {folder}; name another folder with --out"
                 raise BadInput(message)
             if source.resolve() != target.resolve():
-                publishing.carry(source, target)
+                publishing.copy_file(source, target)
 
 
 def _inside(folder: Path, path: Path) -> Iterator[tuple[str, Path]]:

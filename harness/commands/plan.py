@@ -9,7 +9,7 @@ import msgspec
 from harness.commands.select_cells import choose
 from harness.machine.console import tell
 from harness.model import Cell, Plan
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.reports.answers import misspelt
 from harness.running import open_matrix
 from harness.standalone.output import print_json
@@ -66,12 +66,12 @@ def main(args: argparse.Namespace) -> int:
         expected = f"  [{cell.expect.verdict}]" if cell.expect else ""
         print(f"{cell.id}  {', '.join(case.id for case in cell.cases)}{expected}")
     for dropped in plan.dropped:
-        several = f" ({number(dropped.count, 'combination')})" if dropped.count > 1 else ""
+        several = f" ({format_count(dropped.count, 'combination')})" if dropped.count > 1 else ""
         print(f"left out: {dropped.id}{several}: {dropped.reason}")
     for sentence in plan.stale:
         print(f"out of date: {sentence}")
     gone = sum(dropped.count for dropped in plan.dropped)
-    print(f"{number(len(cells), 'cell')}, {number(gone, 'combination')} left out")
+    print(f"{format_count(len(cells), 'cell')}, {format_count(gone, 'combination')} left out")
     return 0
 
 

@@ -15,8 +15,8 @@ from packaging.version import InvalidVersion, Version
 from harness.model import Phase
 from harness.model.errors import BadInput
 from harness.reports.answers import measured_cells, misspelt, recommended_text, result_index
-from harness.reports.answers.measured_cells import Known, Query, Wanted
-from harness.reports.answers.recommended import recommended
+from harness.reports.answers.measured_cells import CellResult, Query, Wanted
+from harness.reports.answers.recommended import build_answer
 from harness.reports.answers.recommending import Combination
 from harness.standalone.output import print_json
 
@@ -54,10 +54,10 @@ def main(args: argparse.Namespace) -> int:
     """Print the combinations that were measured. Return 0 if one of them works, else 1."""
     query = _query(args)
     document = result_index.load()
-    cells = measured_cells.known(document)
+    cells = measured_cells.read(document)
     _check(cells, query, offline=args.offline)
     limit = len(cells) if args.all else max(args.limit, 1)
-    answer = recommended(document, cells, query, limit, _try(query))
+    answer = build_answer(document, cells, query, limit, _try_command(query))
     if args.lock_out:
         _write(args.lock_out, next(iter(answer.measured), None), query, offline=args.offline)
     if args.json:
@@ -73,11 +73,11 @@ def _query(args: argparse.Namespace) -> Query:
     wanted: dict[str, Wanted] = {}
     try:
         for text in args.packages:
-            one = Wanted.of(text)
-            if one.name in wanted:
-                message = f'"{one.name}" is asked for twice; write `{one.name}>=1,<2`'
+            requirement = Wanted.of(text)
+            if requirement.name in wanted:
+                message = f'"{requirement.name}" is asked for twice; write `{requirement.name}>=1,<2`'
                 raise ValueError(message)
-            wanted[one.name] = one
+            wanted[requirement.name] = requirement
         if args.python is not None:
             Version(args.python)
     except InvalidVersion:
@@ -89,13 +89,13 @@ def _query(args: argparse.Namespace) -> Query:
     return Query(wanted=tuple(wanted.values()), python=args.python, needs=args.needs, env=args.env)
 
 
-def _check(cells: Sequence[Known], query: Query, *, offline: bool) -> None:
+def _check(cells: Sequence[CellResult], query: Query, *, offline: bool) -> None:
     """Refuse packages and releases that no index has, without asking for measured ones. Raises BadInput."""
     unseen = [one for one in query.wanted if not any(one.fits(cell.pins.get(one.name)) for cell in cells)]
     misspelt.check([one.text for one in unseen], lambda text: print(text, file=sys.stderr), offline=offline)
 
 
-def _try(query: Query) -> str:
+def _try_command(query: Query) -> str:
     """Return the `simmatrix try` command that would measure the query."""
     words = ["simmatrix", "try", *(one.text for one in query.wanted)]
     words += ["--python", query.python] if query.python else []
@@ -109,7 +109,7 @@ def _write(path: Path, best: Combination | None, query: Query, *, offline: bool)
         return
     from harness.running import lock_files  # noqa: PLC0415 - start-up
 
-    handed = lock_files.Handed(
+    handed = lock_files.MeasuredLock(
         lock=best.lock,
         cell=best.cell,
         python=best.python,

@@ -24,9 +24,9 @@ from harness.rootcause.repair import every as repairs
 from harness.rootcause.repair import proofs, telling
 from harness.rootcause.repair.lab import Lab
 from harness.rootcause.repair.proofs import RepairDocument
-from harness.rootcause.repair.repairing import Repaired, Search, Status
+from harness.rootcause.repair.repairing import RepairResult, Search, Status
 from harness.running import open_matrix, scheduler
-from harness.running.scheduler import Beside
+from harness.running.scheduler import QuietObserver
 from harness.standalone.output import print_json
 
 HELP = (
@@ -75,23 +75,23 @@ def main(args: argparse.Namespace) -> int:
     bounds = Bounds(runs=args.runs, minutes=args.minutes)
     with progress.Progress(0, 1, publishing.headline) as board:
         if given is None:
-            base = find_cell.named("repair", args.requirements[0], opened, offline=args.offline)[1]
+            base = find_cell.find("repair", args.requirements[0], opened, offline=args.offline)[1]
         else:
             runner = scheduler.Runner(opened, settings, board)
-            (base,) = ad_hoc_cell.planned(args, given, opened, runner).cells
-        made, repaired = repair(base, opened, settings, bounds, board, command=_typed(base))
-    made = write(made, repaired, opened, args.out or _folder(opened, base))
+            (base,) = ad_hoc_cell.plan_cell(args, given, opened, runner).cells
+        document, repaired = repair(base, opened, settings, bounds, board, command=_typed(base))
+    document = write(document, repaired, opened, args.out or _folder(opened, base))
     if args.json:
-        print_json(msgspec.json.format(msgspec.json.encode(made)))
+        print_json(msgspec.json.format(msgspec.json.encode(document)))
     else:
-        print("\n".join(telling.lines(made)))
-    return CODES[made.status]
+        print("\n".join(telling.lines(document)))
+    return CODES[document.status]
 
 
 def _names_cell(args: argparse.Namespace) -> bool:
     """Return whether the one word on the command line is a cell, not a requirement."""
-    one = args.requirements[0] if len(args.requirements) == 1 and not (args.files or args.subject) else ""
-    return "/" in one and " @ " not in one
+    word = args.requirements[0] if len(args.requirements) == 1 and not (args.files or args.subject) else ""
+    return "/" in word and " @ " not in word
 
 
 def _typed(base: Cell) -> str:
@@ -102,7 +102,7 @@ def _typed(base: Cell) -> str:
 
 def repair(
     base: Cell, opened: Store, settings: scheduler.Settings, bounds: Bounds, board: scheduler.Observer, *, command: str
-) -> tuple[RepairDocument, Repaired]:
+) -> tuple[RepairDocument, RepairResult]:
     """Search for a remedy of one cell. Store the records of the cell and of the remedy."""
     with _lab(base, opened, settings, bounds, board) as lab:
         repaired = Search(lab).run()
@@ -112,17 +112,17 @@ def repair(
         return proofs.document(lab, repaired, command), repaired
 
 
-def every(
+def repair_all(
     records: Sequence[CellRecord], opened: Store, settings: scheduler.Settings, board: scheduler.Observer
 ) -> tuple[CellRecord, ...]:
     """Search for a remedy of every red cell, once per cause. Write the proofs, return the records of cured cells."""
     settings, bounds = replace(settings, fresh=False, again=False), Bounds(runs=RUNS, minutes=MINUTES)
     cured = []
     for ended in repairs.every(records, opened, lambda cell: _lab(cell, opened, settings, bounds, board)):
-        made = proofs.document(ended.lab, ended.repaired, shlex.join(["simmatrix", "repair", ended.cell.id]))
-        made = write(made, ended.repaired, opened, _folder(opened, ended.cell))
-        does = "; ".join(made.remedy.does) if made.remedy else ""
-        board.say(f"{ended.cell.id}: {made.status}{f': {does}' if does else ''}")
+        document = proofs.document(ended.lab, ended.repaired, shlex.join(["simmatrix", "repair", ended.cell.id]))
+        document = write(document, ended.repaired, opened, _folder(opened, ended.cell))
+        does = "; ".join(document.remedy.does) if document.remedy else ""
+        board.say(f"{ended.cell.id}: {document.status}{f': {does}' if does else ''}")
         if ended.cured:
             opened.save_cell(ended.cured)
             cured.append(ended.cured)
@@ -134,7 +134,7 @@ def _lab(base: Cell, opened: Store, settings: scheduler.Settings, bounds: Bounds
         base=base,
         store=opened,
         settings=settings,
-        observer=Beside(board),
+        observer=QuietObserver(board),
         bounds=bounds,
         recipes=open_matrix.recipes(Path("matrices")) | open_matrix.recipes(Path()),
     )
@@ -144,16 +144,16 @@ def _folder(opened: Store, base: Cell) -> Path:
     return opened.folder / "repairs" / cellid.folder(base.id)
 
 
-def write(made: RepairDocument, repaired: Repaired, opened: Store, folder: Path) -> RepairDocument:
+def write(document: RepairDocument, repaired: RepairResult, opened: Store, folder: Path) -> RepairDocument:
     """Write lock and proof into a folder. Return the document with the paths of these files."""
-    if made.status in {Status.GREEN, Status.UNTOLD}:
-        return made
+    if document.status in {Status.GREEN, Status.UNTOLD}:
+        return document
     files = [folder / "repair.json", folder / "repair.md"]
     if repaired.proof and repaired.proof.record.lock:
         store.write_atomic(folder / "lock.txt", (opened.folder / repaired.proof.record.lock).read_bytes())
         files.append(folder / "lock.txt")
-        made = msgspec.structs.replace(made, lock="lock.txt")
-    kept = msgspec.structs.replace(made, files=tuple(path.name for path in files))
-    store.write_atomic(files[0], msgspec.json.format(msgspec.json.encode(kept)) + b"\n")
-    store.write_atomic(files[1], telling.page(kept).encode())
-    return msgspec.structs.replace(made, files=tuple(os.path.relpath(path) for path in files))
+        document = msgspec.structs.replace(document, lock="lock.txt")
+    stored_document = msgspec.structs.replace(document, files=tuple(path.name for path in files))
+    store.write_atomic(files[0], msgspec.json.format(msgspec.json.encode(stored_document)) + b"\n")
+    store.write_atomic(files[1], telling.page(stored_document).encode())
+    return msgspec.structs.replace(document, files=tuple(os.path.relpath(path) for path in files))

@@ -49,13 +49,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Print or write tables of stored results. Return the exit code that `run` would."""
     if args.into:
-        return readme_blocks.renew(args.into, of_block)
+        return readme_blocks.renew(args.into, render_block)
     if args.judge_again:
         return _judged_again(args)
     if args.write:
         message = "--write goes with --judge-again: it renews reports as they are judged now"
         raise BadInput(message)
-    sources = [found(name) for name in args.sources] or _all()
+    sources = [locate(name) for name in args.sources] or _all()
     if args.out:
         store.writable(args.out)
     whole = _read(sources, args.out)
@@ -83,11 +83,11 @@ def _formats(text: str) -> tuple[str, ...]:
 
 
 def _all() -> list[Path]:
-    found = sorted((store.state_folder() / "reports").glob(f"*/{NAME}"))
-    if not found:
+    reports = sorted((store.state_folder() / "reports").glob(f"*/{NAME}"))
+    if not reports:
         message = "nothing was run here yet: `simmatrix run quickstart` measures, or name a report.json"
         raise BadInput(message)
-    return found
+    return reports
 
 
 def _judged_again(args: argparse.Namespace) -> int:
@@ -99,23 +99,23 @@ def _judged_again(args: argparse.Namespace) -> int:
 
 def _folder(name: str) -> Path:
     """Return the folder of a report. Its report.json may be missing if the index of its evidence is there."""
-    return Path(name) if (Path(name) / packs.INDEX).is_file() else found(name).parent
+    return Path(name) if (Path(name) / packs.INDEX).is_file() else locate(name).parent
 
 
-def found(name: str) -> Path:
+def locate(name: str) -> Path:
     """Return the report.json that a path or the name of a matrix stands for. Raises BadInput if there is none."""
     reports = store.state_folder() / "reports"
     if name.endswith(".toml"):
         name = Path(name).stem
     places = (Path(name), Path(name) / NAME, reports / name / NAME)
-    found = next((place for place in places if place.is_file()), None)
-    if found:
-        return found
+    report_path = next((place for place in places if place.is_file()), None)
+    if report_path:
+        return report_path
     shipped = shipped_reports.path(name)
     if shipped:
         return shipped
-    known = [*(path.parent.name for path in reports.glob(f"*/{NAME}")), *shipped_reports.names()]
-    message = f"{name}: no report.json here, and no matrix of this name was run{suggestion(name, known)}"
+    names = [*(path.parent.name for path in reports.glob(f"*/{NAME}")), *shipped_reports.names()]
+    message = f"{name}: no report.json here, and no matrix of this name was run{suggestion(name, names)}"
     raise BadInput(message)
 
 
@@ -123,13 +123,13 @@ def _read(sources: Sequence[Path], out: Path | None) -> Document:
     """Read reports and combine them into one. A single one keeps its paths, so its page stays the same to the byte."""
     documents = [document.read(given_files.read_content(source), str(source)) for source in sources]
     if len(sources) == 1:
-        return document.moved(documents[0], _carried(sources[0].parent, out)) if out else documents[0]
+        return document.relocate(documents[0], _carried(sources[0].parent, out)) if out else documents[0]
     moved = [_moved(made, source, out or Path()) for made, source in zip(documents, sources, strict=True)]
     return document.combined(moved)
 
 
-def _moved(made: Document, source: Path, target: Path) -> Document:
-    return document.moved(made, lambda path: os.path.relpath(source.parent / path, target))
+def _moved(source_report: Document, source: Path, target: Path) -> Document:
+    return document.relocate(source_report, lambda path: os.path.relpath(source.parent / path, target))
 
 
 def _carried(folder: Path, out: Path) -> document.Locate:
@@ -138,7 +138,7 @@ def _carried(folder: Path, out: Path) -> document.Locate:
     def carried(path: str) -> str:
         if ".." in Path(path).parts:
             return os.path.relpath(folder / path, out)
-        publishing.carry(folder / path, out / path)
+        publishing.copy_file(folder / path, out / path)
         return path
 
     return carried
@@ -165,9 +165,9 @@ def _caption(pivot: Pivot) -> str:
     return f"Rows: {pivot.down}, columns: {pivot.across}. {report_markdown.legend(pivot)}"
 
 
-def of_block(source: Path, pivot: tuple[str, str] | None) -> str:
+def render_block(source: Path, pivot: tuple[str, str] | None) -> str:
     """Return the tables of a report, as Markdown for a block in a user's file."""
-    return _tables(tables.report(_read([found(str(source))], None), pivot))
+    return _tables(tables.report(_read([locate(str(source))], None), pivot))
 
 
 def _print(form: str, whole: Document, report: Report, sources: Sequence[Path] | None) -> None:

@@ -15,7 +15,7 @@ from harness.machine import store
 from harness.machine.console import tell
 from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
 from harness.model.errors import BadInput
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.reports import publishing
 from harness.reports.answers import misspelt
 from harness.reports.tables import tables
@@ -84,50 +84,50 @@ def main(args: argparse.Namespace) -> int:
         raise BadInput(message)
     planned = [open_matrix.load(name, tell, offline=settings.offline, fetched=layer) for name in args.matrices]
     select_cells.check_distinct(planned)
-    cells = select_cells.selected([cell for plan in planned for cell in plan.cells], args.k)
+    cells = select_cells.select([cell for plan in planned for cell in plan.cells], args.k)
     if layer is None:
         misspelt.check_cells(cells, tell, offline=settings.offline)
     tables.check_pivot(args.pivot, [plan.axes for plan in planned])
     if args.out:
         store.writable(args.out)
     opened = store.open_store()
-    plans = [open_matrix.dated(plan, opened, fetched=layer, offline=settings.offline) for plan in planned]
+    plans = [open_matrix.set_instant(plan, opened, fetched=layer, offline=settings.offline) for plan in planned]
     chosen = _chosen(args, plans, opened, layer)
     with progress.Progress(len(chosen), settings.jobs, publishing.headline) as board:
         records = scheduler.run(chosen, opened, settings, board)
     if args.prove:
-        plans, more = _proved(plans, records, opened, settings)
+        plans, more = _run_remedies(plans, records, opened, settings)
         records = (*records, *more)
     if args.repair:
-        plans, more = _repaired(plans, records, opened, settings)
+        plans, more = _run_repairs(plans, records, opened, settings)
         records = (*records, *more)
     return publishing.finish(plans, records, opened, publishing.Wanted.of(args))
 
 
-def _proved(
+def _run_remedies(
     plans: Sequence[Plan], records: Sequence[CellRecord], opened: store.Store, settings: scheduler.Settings
 ) -> tuple[list[Plan], tuple[CellRecord, ...]]:
     """Run red cells again with the remedies of known failures. Return the plans with these cells, and their records."""
-    known, recipes = shipped_signatures.beside(opened.folder), partial(open_matrix.recipes, Path())
-    assessed = {plan.matrix: [assess(record, known) for record in _of(plan, records)] for plan in plans}
-    found = [cell for plan in plans for cell in remedy_trials.untried(plan.cells, assessed[plan.matrix], recipes)]
-    if not found:
+    knowledge, recipes = shipped_signatures.beside(opened.folder), partial(open_matrix.recipes, Path())
+    assessed = {plan.matrix: [assess(record, knowledge) for record in _of(plan, records)] for plan in plans}
+    cells = [cell for plan in plans for cell in remedy_trials.make_trials(plan.cells, assessed[plan.matrix], recipes)]
+    if not cells:
         tell("no remedy of a known failure is left to be tried")
         return list(plans), ()
-    tell(f"{number(len(found), 'red cell')} to be run again, each with the remedy of a known failure")
-    with progress.Progress(len(found), settings.jobs, publishing.headline) as board:
-        more = scheduler.run(found, opened, settings, board)
-    return [remedy_trials.beside(plan, [cell for cell in found if cell.matrix == plan.matrix]) for plan in plans], more
+    tell(f"{format_count(len(cells), 'red cell')} to be run again, each with the remedy of a known failure")
+    with progress.Progress(len(cells), settings.jobs, publishing.headline) as board:
+        more = scheduler.run(cells, opened, settings, board)
+    return [remedy_trials.beside(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
 
 
-def _repaired(
+def _run_repairs(
     plans: Sequence[Plan], records: Sequence[CellRecord], opened: store.Store, settings: scheduler.Settings
 ) -> tuple[list[Plan], tuple[CellRecord, ...]]:
     """Search for a repair of each red cell. Return the plans with the repaired cells, and their records."""
     from harness.commands import repair  # noqa: PLC0415 - start-up
 
     with progress.Progress(0, 1, publishing.headline) as board:
-        more = repair.every(records, opened, settings, board)
+        more = repair.repair_all(records, opened, settings, board)
     cells = [record.cell for record in more]
     return [remedy_trials.beside(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
 
@@ -140,14 +140,14 @@ def _chosen(
     args: argparse.Namespace, plans: Sequence[Plan], opened: store.Store, layer: Fetched | None
 ) -> tuple[Cell, ...]:
     """Return the cells to run, after -k, --shard and --only-failed. A shard, or the failed cells, may be none."""
-    cells = select_cells.selected([cell for plan in plans for cell in plan.cells], args.k)
+    cells = select_cells.select([cell for plan in plans for cell in plan.cells], args.k)
     if args.shard:
         seconds = layer.seconds() if layer else _committed(args.matrices, plans)
         seconds |= select_cells.durations(args.durations)
         whole, cells = len(cells), select_cells.of_shard(cells, args.shard, seconds)
-        tell(f"shard {args.shard}: {len(cells)} of {number(whole, 'cell')}")
+        tell(f"shard {args.shard}: {len(cells)} of {format_count(whole, 'cell')}")
     if args.only_failed:
-        cells = select_cells.failed(cells, opened)
+        cells = select_cells.select_failed(cells, opened)
         if not cells:
             tell("nothing failed: no cell was inconclusive or unexpected when it was last run")
     return cells

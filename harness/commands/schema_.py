@@ -104,7 +104,7 @@ def _explained() -> type:
     return Explained
 
 
-def _known() -> type:
+def _known_document() -> type:
     from harness.commands.known import KnownDocument  # noqa: PLC0415
 
     return KnownDocument
@@ -131,7 +131,7 @@ DOCUMENTS: dict[str, tuple[str, Callable[[], type]]] = {
     "doctor": ("`doctor --json`", _doctored),
     "explain": ("`explain --json`", _explained),
     "recommend": ("`recommend --json`", _recommended),
-    "known": ("`known --json`", _known),
+    "known": ("`known --json`", _known_document),
     "repair": ("`repair.json`, and `repair --json`", _repair),
     "manifest": ("`manifest.json` of `fetch`, and its `--json`", _manifest),
 }
@@ -169,5 +169,5 @@ def _schemas(name: str | None) -> object:
 
 def _schema(name: str) -> object:
     what, kind = DOCUMENTS[name]
-    made = schema.json_schema(kind())
-    return {"$schema": made.pop("$schema"), "title": f"simmatrix: {what}", **made}
+    json_schema = schema.json_schema(kind())
+    return {"$schema": json_schema.pop("$schema"), "title": f"simmatrix: {what}", **json_schema}

@@ -72,15 +72,15 @@ def choose(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
     """Return the cells whose id or label a glob matches. Raises BadInput if there are none."""
     if pattern is None:
         return tuple(cells)
-    found = tuple(cell for cell in cells if cellid.fits(pattern, cell))
-    if not found:
+    matches = tuple(cell for cell in cells if cellid.fits(pattern, cell))
+    if not matches:
         example = f"; one of them is {cells[0].id}" if cells else ""
         message = f"-k {pattern}: none of the {len(cells)} cells matches{example}"
         raise BadInput(message)
-    return found
+    return matches
 
 
-def selected(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
+def select(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
     """Return the cells to work on, chosen by a glob. Raises BadInput if there are none."""
     if not cells:
         message = "there is no cell to work on: every combination is left out; `simmatrix plan` gives the reasons"
@@ -103,15 +103,15 @@ def of_shard(cells: Sequence[Cell], wanted: shards.Shard, seconds: Mapping[str, 
     return shards.split(cells, wanted.count, seconds)[wanted.number - 1]
 
 
-def failed(cells: Iterable[Cell], opened: Store) -> tuple[Cell, ...]:
+def select_failed(cells: Iterable[Cell], opened: Store) -> tuple[Cell, ...]:
     """Return the cells whose last record here is inconclusive or not as expected. Cells that never ran are left out."""
     here, today = this_machine.facts().id, store.now()
     return tuple(cell for cell in cells if _failed(cell, opened, here, today))
 
 
 def _failed(cell: Cell, opened: Store, here: str, today: str) -> bool:
-    record = publishing.kept(opened, here, cell)
+    record = publishing.load_record(opened, here, cell)
     if record is None:
         return False
-    found = assess(record, shipped_signatures.beside(opened.folder), today)
-    return found.verdict is Verdict.INCONCLUSIVE or found.as_expected is False
+    assessment = assess(record, shipped_signatures.beside(opened.folder), today)
+    return assessment.verdict is Verdict.INCONCLUSIVE or assessment.as_expected is False

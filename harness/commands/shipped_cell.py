@@ -17,38 +17,38 @@ if TYPE_CHECKING:
 
 def ids(pattern: str) -> list[str]:
     """Return the ids of cells in the reports at hand that an id, a label or a glob names."""
-    known = {cell.id: cell for made, _ in _documents(pattern) for cell in made.cells if cell.measured}
-    return sorted(cell.id for cell in cellid.chosen(pattern, list(known.values())))
+    cells = {cell.id: cell for made, _ in _documents(pattern) for cell in made.cells if cell.measured}
+    return sorted(cell.id for cell in cellid.select(pattern, list(cells.values())))
 
 
 def load(cell: str) -> Document:
     """Return a document of one cell, its paths as seen from the working folder."""
-    made, file = next(each for each in _documents(cell) if any(one.id == cell for one in each[0].cells))
-    return document.moved(document.only(made, {cell}), publishing.seen_from_here(file.parent))
+    report, file = next(each for each in _documents(cell) if any(one.id == cell for one in each[0].cells))
+    return document.relocate(document.only(report, {cell}), publishing.seen_from_here(file.parent))
 
 
-def lock_of(cell: str) -> lock_files.Handed:
+def lock_of(cell: str) -> lock_files.MeasuredLock:
     """Return the lock of a measured cell. Raises BadInput where it has none."""
-    known = result_index.load()
-    found = [one for one in known["cells"] if one["id"] == cell and one["lock"]]
-    if not found:
+    index = result_index.load()
+    matches = [one for one in index["cells"] if one["id"] == cell and one["lock"]]
+    if not matches:
         message = f"{cell}: has no lock"
         raise BadInput(message)
     from harness.reports.answers import digest  # noqa: PLC0415 - start-up
     from harness.running import lock_files  # noqa: PLC0415 - start-up
 
-    one = found[0]
-    return lock_files.Handed(
-        lock=digest.lock_text(known, one["lock"]),
+    entry = matches[0]
+    return lock_files.MeasuredLock(
+        lock=digest.lock_text(index, entry["lock"]),
         cell=cell,
-        python=one["python"],
-        machine=one["machine"],
-        measured=one["measured"],
-        settings=one["environment"],
+        python=entry["python"],
+        machine=entry["machine"],
+        measured=entry["measured"],
+        settings=entry["environment"],
     )
 
 
 def _documents(pattern: str) -> list[tuple[Document, Path]]:
     """Return the report that an id names, or all of them, with their files."""
-    found = shipped_reports.load(pattern.partition("/")[0]) if "/" in pattern else None
-    return [found] if found else list(shipped_reports.every())
+    report = shipped_reports.load(pattern.partition("/")[0]) if "/" in pattern else None
+    return [report] if report else list(shipped_reports.load_all())

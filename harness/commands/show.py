@@ -51,34 +51,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Show the cell, once for each machine it was measured on."""
     opened = store.open_store()
-    known = tuple(opened.cells())
-    records = _matching(known, args.cell)
-    made = _document(records, known, opened) if records else shipped_cell.load(_shipped(known, args.cell))
+    all_records = tuple(opened.cells())
+    records = _find_records(all_records, args.cell)
+    report = (
+        _document(records, all_records, opened) if records else shipped_cell.load(_find_shipped(all_records, args.cell))
+    )
     if args.lock_out:
         from harness.running import lock_files  # noqa: PLC0415 - start-up
 
-        command = lock_files.write(args.lock_out, shipped_cell.lock_of(made.cells[0].id))
+        command = lock_files.write(args.lock_out, shipped_cell.lock_of(report.cells[0].id))
         print(f"lock: {args.lock_out}\ninstall: {command}", file=sys.stderr)
     if args.json:
-        print_json(document.encode(made))
+        print_json(document.encode(report))
         return 0
     if not records:
-        _show_shipped(made, issue=args.issue)
+        _show_shipped(report, issue=args.issue)
         return 0
     if args.issue:
-        red = [(record, entry) for record, entry in zip(records, made.cells, strict=True) if issuing.is_red(entry)]
-        record, entry = (red or list(zip(records, made.cells, strict=True)))[0]
+        red = [(record, entry) for record, entry in zip(records, report.cells, strict=True) if issuing.is_red(entry)]
+        record, entry = (red or list(zip(records, report.cells, strict=True)))[0]
         print(issuing.issue(record, entry, opened), end="")
         return 0
-    for record, entry in zip(records, made.cells, strict=True):
+    for record, entry in zip(records, report.cells, strict=True):
         print("\n".join(_lines(entry)))
         print("\n".join(_next(record.cell, entry)))
     return 0
 
 
-def _show_shipped(made: Document, *, issue: bool) -> None:
+def _show_shipped(report: Document, *, issue: bool) -> None:
     """Print a cell that was measured elsewhere, or before."""
-    for entry in made.cells:
+    for entry in report.cells:
         again = shlex.join(["simmatrix", "run", entry.matrix, "-k", entry.id.partition("/")[2]])
         if issue:
             message = f"show {entry.id} --issue: was not run here; run it first: {again}"
@@ -90,50 +92,50 @@ def _show_shipped(made: Document, *, issue: bool) -> None:
         print(f"  {again}")
 
 
-def _shipped(records: Sequence[CellRecord], pattern: str) -> str:
+def _find_shipped(records: Sequence[CellRecord], pattern: str) -> str:
     """Return the id of the one cell that the reports at hand have of this name. Raises BadInput."""
-    found = shipped_cell.ids(pattern)
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise BadInput(_several(pattern, found))
-    known = [record.cell.id for record in records] + shipped_cell.ids("*")
-    near = get_close_matches(pattern, known, n=1)
+    matches = shipped_cell.ids(pattern)
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        raise BadInput(_several(pattern, matches))
+    all_ids = [record.cell.id for record in records] + shipped_cell.ids("*")
+    near = get_close_matches(pattern, all_ids, n=1)
     hint = f"; did you mean {near[0]}?" if near else "; `simmatrix known` lists what was measured"
     message = f"show {pattern}: no cell of this name was measured{hint}"
     raise BadInput(message)
 
 
-def _several(pattern: str, found: Sequence[str]) -> str:
-    more = f", and {len(found) - LISTED} more" if len(found) > LISTED else ""
-    return f"show {pattern}: matches {len(found)} cells; name one of {', '.join(found[:LISTED])}{more}"
+def _several(pattern: str, ids: Sequence[str]) -> str:
+    more = f", and {len(ids) - LISTED} more" if len(ids) > LISTED else ""
+    return f"show {pattern}: matches {len(ids)} cells; name one of {', '.join(ids[:LISTED])}{more}"
 
 
-def _matching(records: Sequence[CellRecord], pattern: str) -> list[CellRecord]:
+def _find_records(records: Sequence[CellRecord], pattern: str) -> list[CellRecord]:
     """Return the records of the one cell that an id, label or glob names, by machine; none if it was not run here."""
-    found = sorted({cell.id for cell in cellid.chosen(pattern, [record.cell for record in records])})
-    if len(found) == 1:
-        return sorted((record for record in records if record.cell.id == found[0]), key=lambda record: record.machine)
-    if found:
-        raise BadInput(_several(pattern, found))
+    ids = sorted({cell.id for cell in cellid.select(pattern, [record.cell for record in records])})
+    if len(ids) == 1:
+        return sorted((record for record in records if record.cell.id == ids[0]), key=lambda record: record.machine)
+    if ids:
+        raise BadInput(_several(pattern, ids))
     return []
 
 
-def _document(records: Sequence[CellRecord], known: Sequence[CellRecord], opened: Store) -> Document:
+def _document(records: Sequence[CellRecord], all_records: Sequence[CellRecord], opened: Store) -> Document:
     """Return the records as a document, judged together with changed versions of the cell.
 
     Its paths start from the working folder.
     """
     cell = records[0].cell
     near = {cell.id, cell.base}
-    together = [record for record in known if record.cell.id in near or record.cell.base == cell.id]
+    together = [record for record in all_records if record.cell.id in near or record.cell.base == cell.id]
     cells = {record.cell.id: record.cell for record in together}
     planned = Plan(matrix=cell.matrix, cells=tuple(cells.values()), axes=tuple(cell.axes))
     machines = {record.machine: opened.load_machine(record.machine) for record in records}
     locate = publishing.seen_from_here(opened.folder)
     causes = shipped_signatures.beside(opened.folder)
-    made = document.build(together, [planned], machines, store.now(), locate, known=causes)
-    return document.only(made, {cell.id})
+    report = document.build(together, [planned], machines, store.now(), locate, known=causes)
+    return document.only(report, {cell.id})
 
 
 # --- what is said ----------------------------------------------------------------------------------------------
@@ -149,10 +151,10 @@ def _lines(cell: CellEntry) -> Iterator[str]:
         yield f"  not verified: {name}"
     yield from _expectation(cell)
     yield from _change(cell)
-    for one in counted_failures.counted(cell):
-        yield from _diagnosis(one)
-    for known in (cell.suite.diagnoses or ()) if cell.suite else ():
-        yield from _diagnosis(known)
+    for cell_diagnosis in counted_failures.counted(cell):
+        yield from _diagnosis(cell_diagnosis)
+    for suite_diagnosis in (cell.suite.diagnoses or ()) if cell.suite else ():
+        yield from _diagnosis(suite_diagnosis)
     yield ""
     yield from _facts(cell)
     yield ""
@@ -183,19 +185,19 @@ def _change(cell: CellEntry) -> Iterator[str]:
         yield f"  tried because: {cell.change.reason}{link}"
 
 
-def _diagnosis(one: DiagnosisEntry) -> Iterator[str]:
+def _diagnosis(diagnosis: DiagnosisEntry) -> Iterator[str]:
     """Yield lines on a known failure: its cause, its remedy, whether the remedy is proven here, and references."""
-    yield f"known as {one.signature}"
-    yield f"  cause      {one.cause}"
-    yield f"  seen       {one.seen}"
-    yield f"  remedy     {changes.in_words(one.remedy)}"
-    yield f"  proven     {f'by {one.proof}, which works' if one.proof else 'not here'}"
-    yield from (f"  reference  {reference}" for reference in one.references)
+    yield f"known as {diagnosis.signature}"
+    yield f"  cause      {diagnosis.cause}"
+    yield f"  seen       {diagnosis.seen}"
+    yield f"  remedy     {changes.in_words(diagnosis.remedy)}"
+    yield f"  proven     {f'by {diagnosis.proof}, which works' if diagnosis.proof else 'not here'}"
+    yield from (f"  reference  {reference}" for reference in diagnosis.references)
 
 
 def _facts(cell: CellEntry) -> Iterator[str]:
     supplied = (f"{name}={value} (supplied)" for name, value in cell.supplied.items())
-    told = {
+    rows = {
         "axes": ", ".join(f"{name} {value}" for name, value in cell.axes.items()),
         "asked for": ", ".join(cell.requirements),
         "subject": _subject(cell.subject) if cell.subject else None,
@@ -207,7 +209,7 @@ def _facts(cell: CellEntry) -> Iterator[str]:
         "lock": cell.lock,
         "key": cell.key,
     }
-    yield from (f"{name:<10} {value}" for name, value in told.items() if value)
+    yield from (f"{name:<10} {value}" for name, value in rows.items() if value)
 
 
 def _tests(suite: SuiteEntry) -> str:

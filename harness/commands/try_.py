@@ -35,20 +35,20 @@ def main(args: argparse.Namespace) -> int:
     opened = store.open_store()
     settings = scheduler.Settings(fresh=args.fresh, offline=args.offline, verify=args.verify)
     with progress.Progress(1, 1, publishing.headline) as board:
-        planned = ad_hoc_cell.planned(args, given, opened, scheduler.Runner(opened, settings, board))
+        planned = ad_hoc_cell.plan_cell(args, given, opened, scheduler.Runner(opened, settings, board))
         (record,) = scheduler.run(planned.cells, opened, settings, board)
     wrong = unregistered(record)
     if wrong:
         raise BadInput(wrong)
-    known = shipped_signatures.beside(opened.folder)
-    assessed = assess(record, known)
+    knowledge = shipped_signatures.beside(opened.folder)
+    assessed = assess(record, knowledge)
     if args.json:
         here = this_machine.facts()
         locate = publishing.seen_from_here(opened.folder)
         facts = {here.id: here.facts}
         used = publishing.probes(planned)
-        made = document.build([record], [planned], facts, store.now(), locate, used, known=known)
-        print_json(document.encode(made))
+        report = document.build([record], [planned], facts, store.now(), locate, used, known=knowledge)
+        print_json(document.encode(report))
     else:
         print(answer(assessed))
     return 0 if assessed.verdict is Verdict.WORKS else 3 if assessed.untold else 1

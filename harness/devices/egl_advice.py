@@ -5,7 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from harness.devices.egl_rules import ARGUMENT, CUDA, EGL_ID, GL, OLD_EGL_ID, PYOPENGL, Device, Settings, Stage, chosen
+from harness.devices.egl_rules import (
+    ARGUMENT,
+    CUDA,
+    EGL_ID,
+    GL,
+    OLD_EGL_ID,
+    PYOPENGL,
+    Device,
+    Settings,
+    Stage,
+    choose_device,
+)
 
 VARIABLES = (GL, EGL_ID, CUDA, PYOPENGL)
 DISABLED = ("disable", "disabled", "off", "false", "0")
@@ -39,7 +50,7 @@ LIBRARIES = (
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Here:
+class DrawingSupport:
     """The ways to draw on a machine: EGL's devices, and whether OSMesa and a display answer."""
 
     devices: tuple[Device, ...]
@@ -47,12 +58,12 @@ class Here:
     display: bool
 
 
-CROSSED = Here(devices=(Device(cuda=1), Device(cuda=0), Device()), osmesa=True, display=False)
+CROSSED = DrawingSupport(devices=(Device(cuda=1), Device(cuda=0), Device()), osmesa=True, display=False)
 """Two GPUs that EGL lists in another order than CUDA, and a software device behind them: where libraries part."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Drawn:
+class Prediction:
     """The way a library draws: `egl` on a device, `osmesa`, `glfw`; or the error with which it fails instead."""
 
     way: str
@@ -69,27 +80,27 @@ class Advice:
     reason: str
 
 
-def drawn(who: Library, variables: Variables, here: Here, argument: int | None = None) -> Drawn:
+def predict(who: Library, variables: Variables, here: DrawingSupport, argument: int | None = None) -> Prediction:
     """Return the way a library draws under these variables; `argument` is robosuite's device argument."""
     settings = Settings(
         argument=argument, egl=variables.get(EGL_ID), cuda=variables.get(CUDA), old=variables.get(OLD_EGL_ID)
     )
-    choice = chosen(who.library, who.release, settings, here.devices, who.mujoco)
+    choice = choose_device(who.library, who.release, settings, here.devices, who.mujoco)
     way, refused = _way(who.library, variables.get(GL))
     if who.library == "robosuite" and choice.error and choice.stage is Stage.IMPORT:
-        return Drawn(way=way, error=choice.error)  # it compares the variables whatever it draws with
+        return Prediction(way=way, error=choice.error)  # it compares the variables whatever it draws with
     error = refused or _unable(way, variables.get(PYOPENGL, ""), here)
     if error or way != "egl":
-        return Drawn(way=way, error=error)
-    return Drawn(way="egl", device=choice.device, error=choice.error)
+        return Prediction(way=way, error=error)
+    return Prediction(way="egl", device=choice.device, error=choice.error)
 
 
-def _unable(way: str, platform: str, here: Here) -> str | None:
+def _unable(way: str, platform: str, here: DrawingSupport) -> str | None:
     """Return the error that rules this way out whatever the device, or None; `platform` is PYOPENGL_PLATFORM."""
     name = {"egl": "EGL", "osmesa": "OSMesa"}.get(way)
     if name and platform and platform.lower() != way:
-        said = f"The {PYOPENGL} environment variable is set to {platform!r} (should be either unset or {way!r})."
-        return f"ImportError: Cannot use {name} rendering platform. {said}"
+        detail = f"The {PYOPENGL} environment variable is set to {platform!r} (should be either unset or {way!r})."
+        return f"ImportError: Cannot use {name} rendering platform. {detail}"
     if way == "osmesa" and not here.osmesa:
         return "AttributeError: 'NoneType' object has no attribute 'glGetError' (OSMesa is not installed)"
     return NO_WINDOW if way == "glfw" and not here.display else None
@@ -115,28 +126,28 @@ def _way(library: str, value: str | None) -> tuple[str, str | None]:
     return (plain if plain in {"egl", "osmesa"} else "glfw"), None
 
 
-def troubles(variables: Variables, here: Here) -> dict[str, list[Library]]:
+def troubles(variables: Variables, here: DrawingSupport) -> dict[str, list[Library]]:
     """Return the libraries that fail with these variables, by the error that they raise."""
-    found: dict[str, list[Library]] = {}
+    by_error: dict[str, list[Library]] = {}
     for who in LIBRARIES:
-        error = drawn(who, variables, here).error
+        error = predict(who, variables, here).error
         if error:
-            found.setdefault(error, []).append(who)
-    return found
+            by_error.setdefault(error, []).append(who)
+    return by_error
 
 
-def told(error: str, failing: Sequence[Library], variables: Variables) -> str:
+def describe_error(error: str, failing: Sequence[Library], variables: Variables) -> str:
     """Describe an error of `troubles` in a sentence; add CUDA_VISIBLE_DEVICES if the error's number comes from it."""
     blamed = EGL_ID in error and EGL_ID not in variables and CUDA in variables
     hint = f" (the number is that of {CUDA}={variables[CUDA]})" if blamed else ""
     return f"{', '.join(who.name for who in failing)} cannot draw here: {error}{hint}"
 
 
-def apart(variables: Variables, here: Here) -> str | None:
+def describe_disagreement(variables: Variables, here: DrawingSupport) -> str | None:
     """Return a sentence with the device of each library if the libraries draw on different devices, else None."""
     places: dict[int, list[str]] = {}
     for who in LIBRARIES:
-        device = drawn(who, variables, here).device
+        device = predict(who, variables, here).device
         if device is not None:
             places.setdefault(device, []).append(who.name)
     if len(places) <= 1:
@@ -145,7 +156,7 @@ def apart(variables: Variables, here: Here) -> str | None:
     return f"the libraries draw on different EGL devices here: {listed}"
 
 
-def possible(here: Here) -> Iterator[tuple[str, Variables, int | None]]:
+def possible(here: DrawingSupport) -> Iterator[tuple[str, Variables, int | None]]:
     """Yield each setting to compare, as (text to type, variables, device argument).
 
     Each is set alone, to every device number and to one beyond the last. Then both variables are set,
@@ -162,25 +173,25 @@ def possible(here: Here) -> Iterator[tuple[str, Variables, int | None]]:
     yield f"{EGL_ID}=0 {CUDA}={len(here.devices)}", {**base, EGL_ID: "0", CUDA: str(len(here.devices))}, None
 
 
-def recommended(variables: Variables, here: Here) -> Advice | None:
+def recommend(variables: Variables, here: DrawingSupport) -> Advice | None:
     """Return the setting with which the most libraries draw on one device; another way if few can, None for none.
 
     CUDA_VISIBLE_DEVICES is left as it is where it can be: it is not set for the sake of drawing.
     """
-    found = [
+    candidates = [
         (_worth(advice, variables, here), -place, advice) for place, advice in enumerate(_candidates(variables, here))
     ]
-    best = max(found, key=lambda one: one[:2], default=None)
+    best = max(candidates, key=lambda candidate: candidate[:2], default=None)
     if best is None or not best[0]:
         return None
     advice = best[2]
     after = applied(advice, variables)
-    results = [drawn(who, after, here) for who in LIBRARIES]
+    results = [predict(who, after, here) for who in LIBRARIES]
     devices = {result.device for result in results if result.error is None}
     failing = [who.name for who, result in zip(LIBRARIES, results, strict=True) if result.error]
     where = f"on EGL device {next(iter(devices))}, " if len(devices) == 1 and None not in devices else ""
     who = f"all but {', '.join(failing)} draw" if failing else "all libraries draw"
-    different = f"; {apart(after, here)}" if len(devices) > 1 else ""
+    different = f"; {describe_disagreement(after, here)}" if len(devices) > 1 else ""
     reason = f"{who} {where}{advice.reason}{different}"
     unset = tuple(name for name in advice.unset if name in variables)
     return Advice(variables=advice.variables, unset=unset, reason=reason)
@@ -188,11 +199,11 @@ def recommended(variables: Variables, here: Here) -> Advice | None:
 
 def applied(advice: Advice, variables: Variables) -> dict[str, str]:
     """Return the variables after the advice is applied."""
-    kept = {name: value for name, value in variables.items() if name not in advice.unset}
-    return {**kept, **advice.variables}
+    rest = {name: value for name, value in variables.items() if name not in advice.unset}
+    return {**rest, **advice.variables}
 
 
-def _candidates(variables: Variables, here: Here) -> Iterator[Advice]:
+def _candidates(variables: Variables, here: DrawingSupport) -> Iterator[Advice]:
     """Yield settings worth a try, the best first: a CUDA device, another EGL device, OSMesa, a window.
 
     If CUDA_VISIBLE_DEVICES names devices that EGL has, these are the only EGL devices that are tried.
@@ -211,14 +222,14 @@ def _candidates(variables: Variables, here: Here) -> Iterator[Advice]:
         yield Advice(variables={GL: "glfw"}, unset=(PYOPENGL,), reason="at the display")
 
 
-def _worth(advice: Advice, variables: Variables, here: Here) -> tuple[int, ...]:
+def _worth(advice: Advice, variables: Variables, here: DrawingSupport) -> tuple[int, ...]:
     """Return a sort key of an advice, the best largest; empty if no library can draw.
 
     The key is (whether most libraries draw on the named device, how many draw there, how many draw at all). Without a
     named device every library that draws counts as right.
     """
     after = applied(advice, variables)
-    results = [drawn(who, after, here) for who in LIBRARIES]
+    results = [predict(who, after, here) for who in LIBRARIES]
     drawing = [result for result in results if result.error is None]
     place = advice.variables.get(EGL_ID)
     right = [result for result in drawing if place is None or result.device == int(place)]
@@ -226,6 +237,6 @@ def _worth(advice: Advice, variables: Variables, here: Here) -> tuple[int, ...]:
     return (most, len(right), len(drawing)) if drawing else ()
 
 
-def outcomes(variables: Variables, here: Here, argument: int | None = None) -> Sequence[Drawn]:
+def outcomes(variables: Variables, here: DrawingSupport, argument: int | None = None) -> Sequence[Prediction]:
     """Return the way each of `LIBRARIES` draws, in their order; only robosuite takes `argument`."""
-    return [drawn(who, variables, here, argument if who.library == "robosuite" else None) for who in LIBRARIES]
+    return [predict(who, variables, here, argument if who.library == "robosuite" else None) for who in LIBRARIES]

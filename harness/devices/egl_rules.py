@@ -82,7 +82,7 @@ class _Raised(Exception):
 Chooser = Callable[[Settings, Sequence[Device]], int]
 
 
-def chosen(
+def choose_device(
     library: str, release: str, settings: Settings, devices: Sequence[Device], mujoco: str | None = None
 ) -> Choice:
     """Return the device that a release of a library draws on by EGL; `mujoco` is the release of MuJoCo beside it.
@@ -171,15 +171,15 @@ def _by_cuda(settings: Settings, devices: Sequence[Device]) -> int:
     order = order + [index for index in range(len(devices)) if index not in order]
     if settings.egl is None:
         return _opened(order, devices)
-    asked = _number(settings.egl)
-    if seen and 0 <= asked < len(seen):
-        return _opened([seen[asked]], devices)
-    if seen and asked in visible:
-        return _opened([seen[visible.index(asked)]], devices)
-    if asked in place:
-        return _opened([place[asked]], devices)
-    _within_range(asked, devices, f"The {EGL_ID} environment variable")
-    return _opened([order[asked]], devices)
+    device_id = _number(settings.egl)
+    if seen and 0 <= device_id < len(seen):
+        return _opened([seen[device_id]], devices)
+    if seen and device_id in visible:
+        return _opened([seen[visible.index(device_id)]], devices)
+    if device_id in place:
+        return _opened([place[device_id]], devices)
+    _within_range(device_id, devices, f"The {EGL_ID} environment variable")
+    return _opened([order[device_id]], devices)
 
 
 def _visible(place: Mapping[int, int], visible: Sequence[int]) -> list[int]:
@@ -196,10 +196,10 @@ def _visible(place: Mapping[int, int], visible: Sequence[int]) -> list[int]:
 def _cuda_numbers(text: str | None) -> list[int]:
     """Return the numbers of CUDA_VISIBLE_DEVICES; none if a part of it is not a number, or negative."""
     try:
-        found = [int(part) for part in (text or "").split(",") if part.strip()]
+        numbers = [int(part) for part in (text or "").split(",") if part.strip()]
     except ValueError:
         return []
-    return [] if any(number < 0 for number in found) else found
+    return [] if any(number < 0 for number in numbers) else numbers
 
 
 # --- what they share -------------------------------------------------------------------------------------------

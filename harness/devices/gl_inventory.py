@@ -44,8 +44,8 @@ def ways() -> Ways:
     count = min(int(first.get("count", "0")), MOST_DEVICES)
     devices = [first, *(_ask(f"device:{place}") for place in range(1, count))] if count else []
     missing = None if devices else "EGL lists no device" if "count" in first else first["missing"]
-    kept = tuple({name: text for name, text in one.items() if name != "count"} for one in devices)
-    return Ways(devices=kept, egl_missing=missing, osmesa=_ask("osmesa"), display=_ask("display"))
+    answers = tuple({name: text for name, text in one.items() if name != "count"} for one in devices)
+    return Ways(devices=answers, egl_missing=missing, osmesa=_ask("osmesa"), display=_ask("display"))
 
 
 MOST_ANSWER = 1 << 20
@@ -66,9 +66,11 @@ def _ask(way: str) -> Answer:
         )
         done = run(command)
         try:
-            found: Any = guarded_files.decoded(answer, MOST_ANSWER, lambda text: msgspec.json.decode(text, type=Answer))
+            reply: Any = guarded_files.read_decoded(
+                answer, MOST_ANSWER, lambda text: msgspec.json.decode(text, type=Answer)
+            )
         except Unreadable:
             how = f"crashed with signal {done.signal}" if done.signal else "did not answer"
             count = {"count": str(int(way.partition(":")[2]) + 1)} if way.startswith("device:") else {}
             return {**count, "missing": f"its driver {how}"}
-        return dict(found)
+        return dict(reply)

@@ -23,13 +23,13 @@ from harness.standalone import silent
 from harness.standalone.matching import Diagnosis, Evidence
 
 
-def assess(record: CellRecord, known: Knowledge = NOTHING_KNOWN, today: str = "") -> Assessed:
-    """Judge a cell. `known` holds the known failures, `today` is an ISO date or instant for expectations.
+def assess(record: CellRecord, knowledge: Knowledge = NOTHING_KNOWN, today: str = "") -> Assessed:
+    """Judge a cell. `knowledge` holds the known failures, `today` is an ISO date or instant for expectations.
 
     Without these two, verdict, phases, lines and cases are the same. There are no causes and no silent issues then, and
     no expectation has expired.
     """
-    return Assessed(record=record, known=known, today=today)
+    return Assessed(record=record, known=knowledge, today=today)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +123,7 @@ class Assessed:
         """Return the known failures that fit a red cell: those shown by a misleading check, then the deepest cause."""
         if not known_failures.has_causes(self.verdict):
             return ()
-        return known_failures.fitting(self.known, self._packages, self.failures, self._shown())
+        return known_failures.find_diagnoses(self.known, self._packages, self.failures, self._shown())
 
     def _shown(self) -> Iterator[Diagnosis]:
         if self.verdict is Verdict.MISLEADS:
@@ -138,7 +138,9 @@ class Assessed:
         suite = self.suite
         if suite is None or not suite_not_run(suite):
             return ()
-        return known_failures.fitting(self.known, self._packages, failure_texts.suite_failures(suite, self.known.logs))
+        return known_failures.find_diagnoses(
+            self.known, self._packages, failure_texts.suite_failures(suite, self.known.logs)
+        )
 
     @cached_property
     def failures(self) -> tuple[Evidence, ...]:
@@ -163,7 +165,7 @@ class Assessed:
     @property
     def failure(self) -> Failure | None:
         """Return the identity of the failure; None if the cell works, or nothing is known about its packages."""
-        counted = known_failures.counted(self.diagnoses, self._lines())
+        counted = known_failures.select_counting(self.diagnoses, self._lines())
         return identity.failure(self, (str(one.signature.id) for one in counted))
 
     # --- what was expected -------------------------------------------------------------------------------------

@@ -46,14 +46,14 @@ class AssessedCase:
     def decisive(self) -> str | None:
         """Return the reason of the first phase that ended worst; None if nothing went wrong."""
         fine = {Outcome.PASSED, Outcome.SKIPPED, Outcome.NOT_REACHED}
-        told = [phase for phase in self.phases if phase.outcome not in fine]
-        poorest = worst(phase.outcome for phase in told)
-        return next((reason(phase) for phase in told if phase.outcome is poorest), None)
+        bad_phases = [phase for phase in self.phases if phase.outcome not in fine]
+        poorest = worst(phase.outcome for phase in bad_phases)
+        return next((reason(phase) for phase in bad_phases if phase.outcome is poorest), None)
 
     @property
     def drawn(self) -> Mapping[str, str]:
         """Return the OpenGL context of its pictures, as the first check that drew noted it."""
-        return next((said for check in self.checks if (said := _drawn_by(check))), {})
+        return next((context for check in self.checks if (context := _drawn_by(check))), {})
 
     @property
     def packages(self) -> tuple[str, ...]:
@@ -61,9 +61,9 @@ class AssessedCase:
         return tuple(sorted({str(name) for check in self.checks for name in check.facts.get("exercised", ())}))
 
     @property
-    def exercised(self) -> silent.Exercised:
+    def exercised(self) -> silent.CaseResult:
         """Return the case in the form that silent issues are compared with."""
-        return silent.Exercised(
+        return silent.CaseResult(
             env=self.record.env,
             api=self.record.api,
             phases={phase.phase: phase.outcome for phase in self.phases},
@@ -74,5 +74,9 @@ class AssessedCase:
 
 def _drawn_by(check: CheckRecord) -> dict[str, str]:
     """Return the OpenGL context that a check noted for its picture; a cell may have written anything there."""
-    told = check.facts.get("gl")
-    return {name: str(told[name])[:LONGEST_TEXT] for name in DRAWN if name in told} if isinstance(told, dict) else {}
+    context = check.facts.get("gl")
+    return (
+        {name: str(context[name])[:LONGEST_TEXT] for name in DRAWN if name in context}
+        if isinstance(context, dict)
+        else {}
+    )

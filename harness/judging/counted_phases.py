@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Set
 from dataclasses import replace
 from functools import cache
 
-from harness.judging.discount import trusted
+from harness.judging.discount import discount_phase
 from harness.judging.runs import misleading
 from harness.model import (
     CASE_PHASES,
@@ -49,8 +49,8 @@ def observed(record: PhaseRecord, line: str | None) -> Observed | None:
 
 def suite_phase(evidence: CellRecord) -> PhaseRecord | None:
     """Return how the subject's own suite ended; None where the cell has none to run."""
-    asked = evidence.cell.subject is not None and evidence.cell.subject.suite is not None
-    return (evidence.suite or PhaseRecord(phase=Phase.SUITE, outcome=Outcome.NOT_REACHED)) if asked else None
+    has_suite = evidence.cell.subject is not None and evidence.cell.subject.suite is not None
+    return (evidence.suite or PhaseRecord(phase=Phase.SUITE, outcome=Outcome.NOT_REACHED)) if has_suite else None
 
 
 def suite_not_run(suite: PhaseRecord) -> bool:
@@ -60,8 +60,8 @@ def suite_not_run(suite: PhaseRecord) -> bool:
 
 def counted_cases(evidence: CellRecord) -> Cases:
     """Return the phases of each recorded case, then those of each case of the cell that has no record."""
-    known = {record.case for record in evidence.cases}
-    unseen = (_unseen(case) for case in evidence.cell.cases if case.id not in known)
+    recorded_ids = {record.case for record in evidence.cases}
+    unseen = (_unseen(case) for case in evidence.cell.cases if case.id not in recorded_ids)
     return tuple(_case_phases(evidence, record) for record in (*evidence.cases, *unseen))
 
 
@@ -70,15 +70,17 @@ def _case_phases(evidence: CellRecord, record: CaseRecord) -> tuple[PhaseRecord,
 
     A failure that the control of the adapter shares is `infra`: it is unknown whose fault it is.
     """
-    known = {phase.phase: phase for phase in record.phases}
+    records = {phase.phase: phase for phase in record.phases}
     cases = evidence.cell.cases
-    asked = _asked(tuple(check for case in cases if case.id == record.case for check in case.checks))
-    counted = (_counted(phase, known.get(phase), asked[phase], record.required) for phase in CASE_PHASES)
-    return tuple(trusted(phase, evidence.controls.get(record.api)) for phase in counted)
+    checks_by_phase = _group_by_phase(tuple(check for case in cases if case.id == record.case for check in case.checks))
+    counted = (
+        _count_phase(phase, records.get(phase), checks_by_phase[phase], record.required) for phase in CASE_PHASES
+    )
+    return tuple(discount_phase(phase, evidence.controls.get(record.api)) for phase in counted)
 
 
 @cache
-def _asked(checks: tuple[str, ...]) -> Mapping[Phase, frozenset[str]]:
+def _group_by_phase(checks: tuple[str, ...]) -> Mapping[Phase, frozenset[str]]:
     return {phase: frozenset(one for one in checks if one.partition(".")[0] == phase) for phase in CASE_PHASES}
 
 
@@ -100,12 +102,12 @@ def _unseen(case: Case) -> CaseRecord:
     return CaseRecord(case=case.id, env=case.env, api=case.api, required=case.required, phases=())
 
 
-def _counted(phase: Phase, record: PhaseRecord | None, asked: Set[str], required: tuple[str, ...]) -> PhaseRecord:
+def _count_phase(phase: Phase, record: PhaseRecord | None, checks: Set[str], required: tuple[str, ...]) -> PhaseRecord:
     """Return a phase as it counts. If a requested check was left out, a phase that went well is not reached."""
     if record is None:
-        return PhaseRecord(phase=phase, outcome=Outcome.NOT_REACHED if asked else Outcome.SKIPPED)
-    told = effective(record, required)
-    left_out = asked - MISLEADING - {check.check for check in record.checks}
-    if left_out and told.outcome in {Outcome.PASSED, Outcome.SKIPPED}:
-        return replace(told, outcome=Outcome.NOT_REACHED)
-    return told
+        return PhaseRecord(phase=phase, outcome=Outcome.NOT_REACHED if checks else Outcome.SKIPPED)
+    effective_record = effective(record, required)
+    left_out = checks - MISLEADING - {check.check for check in record.checks}
+    if left_out and effective_record.outcome in {Outcome.PASSED, Outcome.SKIPPED}:
+        return replace(effective_record, outcome=Outcome.NOT_REACHED)
+    return effective_record

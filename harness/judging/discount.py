@@ -15,7 +15,7 @@ from harness.model import FAILING, CheckRecord, ControlRecord, Outcome, Phase, P
 from harness.model.vocabulary import MISLEADING
 
 
-def trusted(record: PhaseRecord, control: ControlRecord | None) -> PhaseRecord:
+def discount_phase(record: PhaseRecord, control: ControlRecord | None) -> PhaseRecord:
     """Return the record of a phase as it counts: `infra` if all its failures may be the adapter's, or the machine's."""
     if control is None or not control.failed:
         return record
@@ -25,23 +25,25 @@ def trusted(record: PhaseRecord, control: ControlRecord | None) -> PhaseRecord:
     if record.outcome in FAILING and not misleading.settled(failing):  # a finding that may not be there
         check = _suspect(record.phase.value, control)
         return (
-            replace(record, outcome=Outcome.INFRA, decisive=_told(control, check, record.decisive)) if check else record
+            replace(record, outcome=Outcome.INFRA, decisive=_describe_discount(control, check, record.decisive))
+            if check
+            else record
         )
-    checks = tuple(_trusted(check, control) for check in record.checks)
+    checks = tuple(_discount_check(check, control) for check in record.checks)
     counting = misleading.settled(checks)
     worst = min((check.outcome for check in counting), key=list(Outcome).index, default=record.outcome)
     decisive = next((check.decisive for check in counting if check.outcome is worst), None)
     return replace(record, outcome=worst, decisive=decisive, checks=checks)
 
 
-def _trusted(record: CheckRecord, control: ControlRecord) -> CheckRecord:
+def _discount_check(record: CheckRecord, control: ControlRecord) -> CheckRecord:
     check = _suspect(record.check, control) if record.outcome in FAILING else None
     if check is None:
         return record
-    return replace(record, outcome=Outcome.INFRA, decisive=_told(control, check, record.decisive))
+    return replace(record, outcome=Outcome.INFRA, decisive=_describe_discount(control, check, record.decisive))
 
 
-def _told(control: ControlRecord, check: str, own: str | None) -> str:
+def _describe_discount(control: ControlRecord, check: str, own: str | None) -> str:
     """Return the line of a discounted failure. The line of the control comes first: it is the one to look into."""
     return f"{control.control} fails, too, in {check}: {control.failed[check]}" + (f" (here: {own})" if own else "")
 

@@ -29,8 +29,8 @@ def idle(evidence: CellRecord) -> tuple[str, ...]:
 def nothing_of(missed: Iterable[str], evidence: CellRecord) -> str:
     """Return the reason why a cell that passed does not work: something else ran."""
     brought = ((case.env, check.facts.get("environment_of")) for case in evidence.cases for check in _checks(case))
-    found = next((f": {env} is an environment of {package}" for env, package in brought if env and package), "")
-    return f"nothing of {' and '.join(missed)} was run{found}"
+    hint = next((f": {env} is an environment of {package}" for env, package in brought if env and package), "")
+    return f"nothing of {' and '.join(missed)} was run{hint}"
 
 
 def import_fact(case: CaseRecord, name: str) -> Any:
@@ -42,8 +42,8 @@ def import_fact(case: CaseRecord, name: str) -> Any:
 def lacking(evidence: CellRecord) -> str | None:
     """Return in words the arguments that an environment needs and nobody named; None if none is lacking."""
     phases = (phase for case in evidence.cases for phase in case.phases)
-    found = (finding.text for phase in phases for finding in phase.findings if finding.check == ARGUMENTS)
-    return next((f"{evidence.cases[0].env} {text}" for text in found), None)
+    messages = (finding.text for phase in phases for finding in phase.findings if finding.check == ARGUMENTS)
+    return next((f"{evidence.cases[0].env} {text}" for text in messages), None)
 
 
 def unregistered(evidence: CellRecord) -> str | None:

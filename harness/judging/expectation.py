@@ -8,7 +8,7 @@ from typing import Protocol
 
 from harness.model import Cell, Expectation, Observed, Outcome, Phase, Verdict
 from harness.model.report_types import SEVERITY, UNTOLD, ExpectationEntry
-from harness.model.words import met as observes
+from harness.model.words import contains as observes
 from harness.model.words import sentence_pattern
 from harness.standalone.silent import plainly_good
 
@@ -41,9 +41,9 @@ def expected(cell: Cell, judged: Judged, today: str, names: Names) -> tuple[bool
 
     `today` is an ISO date or instant. A cell without expectation is expected to work.
     """
-    told = not (cell.tried and cell.tried.proving)
+    judgeable = not (cell.tried and cell.tried.proving)
     stale = outdated(cell.id, judged.verdict, cell.expect, today) if cell.expect else None
-    return met(cell.expect, judged, names) if told else None, stale
+    return met(cell.expect, judged, names) if judgeable else None, stale
 
 
 def met(expect: Expectation | ExpectationEntry | None, judged: Judged, names: Names) -> bool | None:
@@ -71,8 +71,8 @@ def says(expect: Expectation | ExpectationEntry, line: str | None, seen: Observe
 
 def fulfilled(verdict: Verdict, phases: Mapping[Phase, Outcome], unverified: Iterable[str] = ()) -> bool:
     """Return whether a cell is plainly good, or at least does all that was asked for: import alone never `works`."""
-    asked = {outcome for outcome in phases.values() if outcome is not Outcome.SKIPPED}
-    imports = phases.get(Phase.IMPORT) is Outcome.PASSED and asked == {Outcome.PASSED}
+    outcomes = {outcome for outcome in phases.values() if outcome is not Outcome.SKIPPED}
+    imports = phases.get(Phase.IMPORT) is Outcome.PASSED and outcomes == {Outcome.PASSED}
     return plainly_good(verdict, unverified) or (verdict is Verdict.NOT_RUN and imports)
 
 
@@ -96,8 +96,8 @@ def exit_code(judged: Iterable[tuple[Verdict, bool | None]], *, stale: bool, fai
     `fail_on` names verdicts that are to fail whatever was expected, `unexpected` for what is not as expected, and
     `stale` for expectations out of date.
     """
-    known = tuple(judged)
-    unexpected = "unexpected" in fail_on and any(right is False for _, right in known)
-    if unexpected or (stale and "stale" in fail_on) or any(verdict in fail_on for verdict, _ in known):
+    verdicts = tuple(judged)
+    unexpected = "unexpected" in fail_on and any(right is False for _, right in verdicts)
+    if unexpected or (stale and "stale" in fail_on) or any(verdict in fail_on for verdict, _ in verdicts):
         return 1
-    return 3 if any(verdict is Verdict.INCONCLUSIVE for verdict, _ in known) else 0
+    return 3 if any(verdict is Verdict.INCONCLUSIVE for verdict, _ in verdicts) else 0

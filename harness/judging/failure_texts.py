@@ -38,49 +38,51 @@ def failures(record: CellRecord, cases: Iterable[Sequence[PhaseRecord]], logs: L
 
 def suite_failures(suite: PhaseRecord, logs: Logs) -> Iterator[Evidence]:
     """Yield the evidence of the steps by which the environment of a suite could not be made."""
-    kept = logs(suite.evidence) if suite.evidence else {}
+    texts = logs(suite.evidence) if suite.evidence else {}
     for check in suite.checks:
         if check.check in SUITE_STEPS:
-            yield gathered(SUITE_STEPS[check.check], [check.decisive], kept.values())
+            yield build_evidence(SUITE_STEPS[check.check], [check.decisive], texts.values())
 
 
 def _of_step(step: Step, logs: Logs) -> Evidence:
-    said = [found.text for found in step.findings]
-    return gathered(step.phase, [step.decisive], [*said, *(logs(step.log) if step.log else {}).values()])
+    finding_texts = [found.text for found in step.findings]
+    return build_evidence(step.phase, [step.decisive], [*finding_texts, *(logs(step.log) if step.log else {}).values()])
 
 
 def _of_phase(phase: PhaseRecord, logs: Logs) -> Evidence:
     failed = [check for check in phase.checks if check.outcome in FAILING]
-    told = [phase.decisive, *(line for check in failed for line in (check.decisive, check.masked_by))]
-    said = [found.text for found in phase.findings]
-    kept = written(logs(phase.evidence) if phase.evidence else {}, phase.phase)
-    return gathered(phase.phase, told, [*said, *kept])._replace(observed=tuple(_sightings(phase, told)))
+    reasons = [phase.decisive, *(line for check in failed for line in (check.decisive, check.masked_by))]
+    finding_texts = [found.text for found in phase.findings]
+    log_texts = extract_texts(logs(phase.evidence) if phase.evidence else {}, phase.phase)
+    return build_evidence(phase.phase, reasons, [*finding_texts, *log_texts])._replace(
+        observed=tuple(_sightings(phase, reasons))
+    )
 
 
-def gathered(phase: Phase, told: Iterable[str | None], logs: Iterable[str]) -> Evidence:
+def build_evidence(phase: Phase, reasons: Iterable[str | None], logs: Iterable[str]) -> Evidence:
     """Return the evidence of a phase: the lines that say why, each once, all else, and the signal that killed."""
-    lines = tuple(dict.fromkeys(line for line in told if line))
-    killed = next((found[1] for line in lines if (found := KILLED.search(line))), None)
+    lines = tuple(dict.fromkeys(line for line in reasons if line))
+    killed = next((hit[1] for line in lines if (hit := KILLED.search(line))), None)
     return Evidence(phase=phase, told=lines, logs=tuple(logs), signal=killed)
 
 
-def _sightings(phase: PhaseRecord, told: Iterable[str | None]) -> Iterator[Sighting]:
+def _sightings(phase: PhaseRecord, reasons: Iterable[str | None]) -> Iterator[Sighting]:
     """Yield the cell's observations of a phase: those behind the lines that say why, then those of its findings."""
-    for line in dict.fromkeys(told):
+    for line in dict.fromkeys(reasons):
         seen = observed(phase, line)
         if line and seen:
             yield Sighting(observed=seen, line=line, told=True)
-    for found in phase.findings:
-        if found.observed:
-            yield Sighting(observed=found.observed, line=found.text, told=False)
+    for finding in phase.findings:
+        if finding.observed:
+            yield Sighting(observed=finding.observed, line=finding.text, told=False)
 
 
 # --- what a probe left -----------------------------------------------------------------------------------------
 
 
-def written(kept: Mapping[str, str], phase: Phase) -> Iterator[str]:
+def extract_texts(texts: Mapping[str, str], phase: Phase) -> Iterator[str]:
     """Yield the texts that a probe left: all of its logs, and from its replies those about failures of this phase."""
-    for name, text in kept.items():
+    for name, text in texts.items():
         yield from _texts(name, text, phase)
 
 
@@ -91,7 +93,7 @@ def _texts(name: str, text: str, phase: Phase) -> Iterator[str]:
         return
     for entry in plain_records(text):
         if entry.get("outcome") != "passed" and _about(entry, phase):
-            yield from _words(entry)
+            yield from _find_cell_texts(entry)
             observed = in_words(entry.get("observed")) if entry.get("kind") == "check" else None
             yield from [observed] if observed else []
 
@@ -101,13 +103,13 @@ def _about(entry: Mapping[str, Any], phase: Phase) -> bool:
     return str(entry.get("check", phase)).partition(".")[0] == phase
 
 
-def _words(plain: Any) -> Iterator[str]:
+def _find_cell_texts(plain: Any) -> Iterator[str]:
     if isinstance(plain, dict):
         for key, value in plain.items():
             if key in WRITTEN and isinstance(value, str):
                 yield value
             else:
-                yield from _words(value)
+                yield from _find_cell_texts(value)
     elif isinstance(plain, list):
         for value in plain:
-            yield from _words(value)
+            yield from _find_cell_texts(value)

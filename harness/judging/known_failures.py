@@ -40,9 +40,9 @@ class Packages:
     python: str
     lock: str | None
 
-    def around(self, known: Knowledge) -> Around:
+    def around(self, knowledge: Knowledge) -> Around:
         """Return the packages to match known failures against: the installed ones, else those required and locked."""
-        locked = known.locked(self.lock) if self.lock and self.installed is None else ()
+        locked = knowledge.locked(self.lock) if self.lock and self.installed is None else ()
         return Around(installed=self.installed, requirements=(*self.requirements, *locked), python=self.python)
 
 
@@ -54,52 +54,52 @@ def has_causes(verdict: Verdict) -> bool:
     return verdict not in UNTOLD and verdict is not Verdict.WORKS
 
 
-def fitting(
-    known: Knowledge, packages: Packages, failures: Iterable[Evidence], shown: Iterable[Diagnosis] = ()
+def find_diagnoses(
+    knowledge: Knowledge, packages: Packages, failures: Iterable[Evidence], shown: Iterable[Diagnosis] = ()
 ) -> tuple[Diagnosis, ...]:
     """Return the known failures that fit: those that misleading checks have shown, then the deepest cause."""
     first = tuple(shown)
     ids = {one.signature.id for one in first}
-    told = diagnose(known.signatures(), tuple(failures), packages.around(known))
-    return (*first, *(one for one in told if one.signature.id not in ids))
+    diagnoses = diagnose(knowledge.signatures(), tuple(failures), packages.around(knowledge))
+    return (*first, *(one for one in diagnoses if one.signature.id not in ids))
 
 
-def lurking(known: Knowledge, packages: Packages) -> tuple[Signature, ...]:
+def lurking(knowledge: Knowledge, packages: Packages) -> tuple[Signature, ...]:
     """Return the silent issues whose packages a cell has."""
     if packages.installed is None:
         return ()
     around = Around(installed=packages.installed, python=packages.python)
-    return matching.lurking((known.silent or known.signatures)(), around)
+    return matching.lurking((knowledge.silent or knowledge.signatures)(), around)
 
 
 def shown_silent(
-    lurks: Iterable[Signature], cases: Iterable[silent.Exercised], lines: Mapping[str, str | None]
+    lurks: Iterable[Signature], cases: Iterable[silent.CaseResult], lines: Mapping[str, str | None]
 ) -> Iterator[Diagnosis]:
     """Yield the silent issues that misleading checks have shown in cases; `lines` are those of checks that failed."""
-    found = {one.id: one for case in cases for one in silent.shown_issues(lurks, case, lines)}
-    for one in found.values():
-        phase = Phase(one.check.partition(".")[0])
-        yield Diagnosis(signature=one, phase=phase, seen=lines[one.check] or "", told=True)
+    issues = {one.id: one for case in cases for one in silent.shown_issues(lurks, case, lines)}
+    for issue in issues.values():
+        phase = Phase(issue.check.partition(".")[0])
+        yield Diagnosis(signature=issue, phase=phase, seen=lines[issue.check] or "", told=True)
 
 
 # --- those that count ------------------------------------------------------------------------------------------
 
 
-def counted(found: Iterable[Diagnosis], lines: Iterable[str]) -> tuple[Diagnosis, ...]:
+def select_counting(diagnoses: Iterable[Diagnosis], lines: Iterable[str]) -> tuple[Diagnosis, ...]:
     """Return the diagnoses that count. `lines` say why the cell and its checks ended as they did."""
-    return counting.counting(_fits(found, lines))
+    return counting.select_counting(_fits(diagnoses, lines))
 
 
-def names(found: Iterable[Diagnosis], lines: Iterable[str]) -> tuple[str, ...]:
+def names(diagnoses: Iterable[Diagnosis], lines: Iterable[str]) -> tuple[str, ...]:
     """Return the ids by which an expectation may name the known failures of a cell, former ones among them."""
-    those: tuple[Diagnosis, ...] = counting.nameable(_fits(found, lines))
-    former = (old for one in those for old in one.signature.formerly)
-    return (*(str(one.signature.id) for one in those), *map(str, former))
+    nameable: tuple[Diagnosis, ...] = counting.nameable(_fits(diagnoses, lines))
+    former = (old for one in nameable for old in one.signature.formerly)
+    return (*(str(one.signature.id) for one in nameable), *map(str, former))
 
 
-def _fits(found: Iterable[Diagnosis], lines: Iterable[str]) -> Iterator[Fit]:
-    said = tuple(lines)
-    for one in found:
-        known = one.signature
-        says = counting.says(one.seen, said)
-        yield Fit(known=one, masks=known.masks, generic=known.generic, seen=one.seen, says=says)
+def _fits(diagnoses: Iterable[Diagnosis], lines: Iterable[str]) -> Iterator[Fit]:
+    reasons = tuple(lines)
+    for diagnosis in diagnoses:
+        signature = diagnosis.signature
+        says = counting.is_stated(diagnosis.seen, reasons)
+        yield Fit(known=diagnosis, masks=signature.masks, generic=signature.generic, seen=diagnosis.seen, says=says)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from harness.model.errors import BadInput
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.standalone.remedies import in_words
 
 if TYPE_CHECKING:
@@ -36,34 +36,34 @@ class Issue(msgspec.Struct, frozen=True, kw_only=True):
     cells: tuple[str, ...] = ()
 
 
-def of(one: Signature) -> Issue:
+def from_signature(signature: Signature) -> Issue:
     """Return a known issue as documents have it, without its cells."""
     return Issue(
-        id=str(one.id),
-        cause=one.cause,
-        remedy=one.remedy.plain,
-        fix=in_words(one.remedy.plain),
-        silent=one.silent,
-        packages=tuple(str(each) for part in one.packages for each in part.requirements),
-        example=next(iter(one.examples), None),
-        references=one.references,
-        formerly=tuple(map(str, one.formerly)),
+        id=str(signature.id),
+        cause=signature.cause,
+        remedy=signature.remedy.plain,
+        fix=in_words(signature.remedy.plain),
+        silent=signature.silent,
+        packages=tuple(str(each) for part in signature.packages for each in part.requirements),
+        example=next(iter(signature.examples), None),
+        references=signature.references,
+        formerly=tuple(map(str, signature.formerly)),
     )
 
 
 def find(identifier: str, issues: Iterable[Issue], cells: Iterable[Mapping[str, Any]]) -> Issue:
     """Return the known issue of an id, with or without `silent:` before it. Raises BadInput."""
     there = tuple(issues)
-    found = named(identifier, there)
-    if found:
-        return with_cells([found], cells)[0]
+    issue = lookup(identifier, there)
+    if issue:
+        return with_cells([issue], cells)[0]
     near = get_close_matches(identifier.removeprefix("silent:"), [one.id for one in there], n=1)
     hint = f"did you mean {near[0]}?" if near else "`simmatrix known` lists them"
     message = f"{identifier}: no known issue has this id; {hint}"
     raise BadInput(message)
 
 
-def named(identifier: str, issues: Iterable[Issue]) -> Issue | None:
+def lookup(identifier: str, issues: Iterable[Issue]) -> Issue | None:
     """Return the issue that has this id, or had it before; None where there is none."""
     name = identifier.removeprefix("silent:")
     return next((one for one in issues if name in {one.id, *one.formerly}), None)
@@ -78,21 +78,21 @@ def with_cells(issues: Iterable[Issue], cells: Iterable[Mapping[str, Any]]) -> l
     return [msgspec.structs.replace(one, cells=tuple(dict.fromkeys(held.get(one.id, ())))) for one in issues]
 
 
-def lines(one: Issue) -> Iterator[str]:
+def lines(issue: Issue) -> Iterator[str]:
     """Yield a known issue in words."""
-    yield one.id
-    if one.example:
-        yield f"  symptom    {one.example.strip().splitlines()[-1]}"
-    if one.silent:
+    yield issue.id
+    if issue.example:
+        yield f"  symptom    {issue.example.strip().splitlines()[-1]}"
+    if issue.silent:
         yield "  symptom    none: nothing is raised, and the result is wrong"
-    yield f"  cause      {one.cause}"
-    yield f"  fix        {one.fix}"
-    if one.packages:
-        yield f"  concerns   {', '.join(one.packages)}"
-    yield from (f"  reference  {reference}" for reference in one.references)
+    yield f"  cause      {issue.cause}"
+    yield f"  fix        {issue.fix}"
+    if issue.packages:
+        yield f"  concerns   {', '.join(issue.packages)}"
+    yield from (f"  reference  {reference}" for reference in issue.references)
     yield (
-        f"  measured   in {number(len(one.cells), 'cell')}"
-        if one.cells
+        f"  measured   in {format_count(len(issue.cells), 'cell')}"
+        if issue.cells
         else "  measured   in no cell that came with this version"
     )
-    yield from (f"  simmatrix show {cell}" for cell in one.cells[:SHOWN])
+    yield from (f"  simmatrix show {cell}" for cell in issue.cells[:SHOWN])

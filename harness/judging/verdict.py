@@ -47,7 +47,9 @@ def judge(evidence: CellRecord, cases: Cases) -> Judgement:
     missed = idle(evidence)
     if missed and (verdict is Verdict.WORKS or (verdict in AFTER_IMPORT and len(missed) == len(evidence.cell.asked))):
         return Judgement(verdict=Verdict.NOT_RUN, phases=phases, decisive=nothing_of(missed, evidence))
-    phase, decisive = _shown(cases) if verdict is Verdict.MISLEADS else _decided_by(verdict, evidence, cases, suite)
+    phase, decisive = (
+        _find_contradiction(cases) if verdict is Verdict.MISLEADS else _decided_by(verdict, evidence, cases, suite)
+    )
     if verdict is Verdict.NOT_RUN and phases[Phase.IMPORT] is Outcome.PASSED:
         decisive = _tried_alone(phases)
         if suite and suite_not_run(suite):
@@ -88,13 +90,15 @@ def _verdict(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]], suite
                 return Verdict.UNAVAILABLE if evidence.unavailable else Verdict.NOT_RUN
             case Outcome.FAILED | Outcome.CRASHED | Outcome.TIMED_OUT | Outcome.FLAKY:
                 return failed
-    return _installed(cases, suite)
+    return _judge_installed(cases, suite)
 
 
-def _installed(cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None) -> Verdict:
+def _judge_installed(cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None) -> Verdict:
     """Return the verdict of an installed cell; a case that misleads decides it whatever infra trouble hit others."""
     best, poorest = (
-        _probed([_had(case, outcome) for case in cases], _had([suite] if suite else [], outcome))
+        _judge_probes(
+            [_imagine_outcomes(case, outcome) for case in cases], _imagine_outcomes([suite] if suite else [], outcome)
+        )
         for outcome in (Outcome.PASSED, Outcome.FAILED)
     )
     if Verdict.IMPORT_FAILS not in {best, poorest} and any(
@@ -104,7 +108,7 @@ def _installed(cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None
     return best if best is poorest else Verdict.INCONCLUSIVE
 
 
-def _had(case: Sequence[PhaseRecord], infra: Outcome) -> Outcomes:
+def _imagine_outcomes(case: Sequence[PhaseRecord], infra: Outcome) -> Outcomes:
     """Return the outcomes of a case as if each infra phase, and all phases that it blocked, had ended as `infra`.
 
     In the same way, phases that an unavailable phase blocked are unavailable.
@@ -123,7 +127,7 @@ def _had(case: Sequence[PhaseRecord], infra: Outcome) -> Outcomes:
     return imagined
 
 
-def _probed(cases: Sequence[Outcomes], suite: Outcomes) -> Verdict:
+def _judge_probes(cases: Sequence[Outcomes], suite: Outcomes) -> Verdict:
     """Return the verdict of an installed cell without infra trouble.
 
     If no case asks for `single`, as in a cell without environments, a passed suite shows as much.
@@ -173,10 +177,10 @@ def _deciding(verdict: Verdict) -> frozenset[Outcome]:
             return FAILING
 
 
-def _shown(cases: Iterable[Iterable[PhaseRecord]]) -> tuple[Phase, str | None]:
+def _find_contradiction(cases: Iterable[Iterable[PhaseRecord]]) -> tuple[Phase, str | None]:
     """Return the first phase, and in it the first case, in which a case contradicts its own specification."""
-    found = ((phase, check) for case in cases for phase in case for check in misleading.shown(phase.checks))
-    phase, check = min(found, key=lambda pair: CASE_PHASES.index(pair[0].phase))
+    contradictions = ((phase, check) for case in cases for phase in case for check in misleading.shown(phase.checks))
+    phase, check = min(contradictions, key=lambda pair: CASE_PHASES.index(pair[0].phase))
     return phase.phase, check.decisive
 
 
@@ -200,6 +204,6 @@ def _decided_by(
 
 def _unverified(cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None) -> tuple[str, ...]:
     open_ends = {Outcome.UNAVAILABLE, Outcome.NOT_REACHED}
-    told = [record for case in cases for record in case] + ([suite] if suite else [])
-    found = {record.phase for record in told if record.outcome in open_ends}
-    return tuple(phase.value for phase in (*CASE_PHASES, Phase.SUITE) if phase in found)
+    records = [record for case in cases for record in case] + ([suite] if suite else [])
+    open_phases = {record.phase for record in records if record.outcome in open_ends}
+    return tuple(phase.value for phase in (*CASE_PHASES, Phase.SUITE) if phase in open_phases)

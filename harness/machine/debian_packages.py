@@ -13,10 +13,10 @@ from harness.model import Finding, Level
 DPKG = "dpkg-query"
 
 
-def missing(names: tuple[str, ...]) -> str | None:
+def describe_missing(names: tuple[str, ...]) -> str | None:
     """Return a sentence with the missing packages and their `apt install`; None if none is missing or dpkg is."""
-    found = installed(names)
-    lacking = [] if found is None else [name for name in names if name not in found]
+    installed_names = installed(names)
+    lacking = [] if installed_names is None else [name for name in names if name not in installed_names]
     if not lacking:
         return None
     return f"no {', '.join(lacking)} here: run `apt install {' '.join(lacking)}`"

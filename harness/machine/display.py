@@ -53,7 +53,7 @@ class NoDisplayError(Exception):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Shown:
+class DisplayedCommand:
     """A command whose display is up; `server` is its own X server, if it has one.
 
     `places` maps the display to the text that evidence shows instead: its number says nothing.
@@ -73,7 +73,7 @@ class Shown:
 
 
 @contextmanager
-def shown(command: Command, folder: Path) -> Iterator[Shown]:
+def open_display(command: Command, folder: Path) -> Iterator[DisplayedCommand]:
     """Provide the display that a command's `DISPLAY` names while the block lasts; a server's files go into `folder`.
 
     Raises NoDisplayError.
@@ -82,11 +82,11 @@ def shown(command: Command, folder: Path) -> Iterator[Shown]:
     if word == VIRTUAL:
         with _server(folder) as (running, number):
             opened = _with(command, number, {AUTHORITY: str(folder / "authority")})
-            yield Shown(command=opened, server=running, places={number: ":0"})
+            yield DisplayedCommand(command=opened, server=running, places={number: ":0"})
     elif word:
-        yield Shown(command=_with(command, (users() or "") if word == OWN else word, authority()))
+        yield DisplayedCommand(command=_with(command, (users() or "") if word == OWN else word, authority()))
     else:
-        yield Shown(command=command)
+        yield DisplayedCommand(command=command)
 
 
 def _with(command: Command, name: str, authority: Mapping[str, str]) -> Command:
@@ -106,15 +106,15 @@ def users() -> str | None:
 def authority() -> dict[str, str]:
     """Return the variable that lets a run, whose HOME is another, open the user's display."""
     usual = Path(os.environ.get("HOME", "/"), ".Xauthority")
-    found = os.environ.get(AUTHORITY) or (str(usual) if usual.exists() else None)
-    return {AUTHORITY: found} if found else {}
+    path = os.environ.get(AUTHORITY) or (str(usual) if usual.exists() else None)
+    return {AUTHORITY: path} if path else {}
 
 
 @contextmanager
 def _server(folder: Path) -> Iterator[tuple[Running, str]]:
     """Start a server and yield it with its display; it is reached by its socket alone and with its cookie."""
-    found = program()
-    if not found:
+    executable = program()
+    if not executable:
         message = f"no {SERVER}"
         raise NoDisplayError(message)
     folder.mkdir(parents=True, exist_ok=True)
@@ -124,7 +124,7 @@ def _server(folder: Path) -> Iterator[tuple[Running, str]]:
     name = f":{FIRST_NUMBER + secrets.randbelow(NUMBERS)}"
     arguments = (name, "-displayfd", "3", "-screen", "0", SCREEN, "-nolisten", "tcp", "-noreset", "-auth", "authority")
     command = Command(
-        argv=("/bin/sh", "-c", f'exec "$0" "$@" 3> {number.name}', found, *arguments),
+        argv=("/bin/sh", "-c", f'exec "$0" "$@" 3> {number.name}', executable, *arguments),
         cwd=folder,
         env={name: value for name, value in os.environ.items() if name.startswith(SERVERS)},
         limits=Limits(seconds=LONGEST_SECONDS, memory_mb=MEMORY_MB),
@@ -132,14 +132,14 @@ def _server(folder: Path) -> Iterator[tuple[Running, str]]:
         profile=Profile.HOST,
     )
     with start(command) as running:
-        told = _told(running, number)
+        display_name = _await_display(running, number)
         try:
-            yield running, told
+            yield running, display_name
         finally:
             (SOCKETS / f"X{name[1:]}").unlink(missing_ok=True)  # which a server that is killed leaves behind
 
 
-def _told(running: Running, number: Path) -> str:
+def _await_display(running: Running, number: Path) -> str:
     """Wait until the server can be reached, and return the name of its display. Raises NoDisplayError."""
     until = monotonic() + PATIENCE_SECONDS
     while monotonic() < until:

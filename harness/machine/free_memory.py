@@ -27,8 +27,8 @@ def free_mb(root: Path = Path("/")) -> int | None:
 
     `root` is the root of the file system.
     """
-    found = [*_machine(root), *_groups(root)]
-    return max(0, min(found)) >> 20 if found else None
+    free_bytes = [*_machine(root), *_groups(root)]
+    return max(0, min(free_bytes)) >> 20 if free_bytes else None
 
 
 def _machine(root: Path) -> Iterator[int]:

@@ -51,11 +51,11 @@ def function(address: int | None, result: Any, *arguments: Any) -> Callable[...,
 
 def strings(get: Callable[[int], bytes | None]) -> dict[str, str]:
     """Return the answers of glGetString in the current context: vendor, renderer, version."""
-    found = {name: (get(number) or b"").decode("utf-8", "replace") for name, number in STRINGS.items()}
-    if not found["version"]:
+    answers = {name: (get(number) or b"").decode("utf-8", "replace") for name, number in STRINGS.items()}
+    if not answers["version"]:
         message = "a context without a version"
         raise MissingError(message)
-    return found
+    return answers
 
 
 class Egl:
@@ -95,17 +95,17 @@ class Egl:
         """Return its file, its CUDA number, or that it is not hardware, as far as the driver tells."""
         text = self.entry("eglQueryDeviceStringEXT", c_char_p, c_void_p, c_int)
         extensions = (text(device, EGL_EXTENSIONS) or b"").split()
-        found = {}
+        facts = {}
         if b"EGL_EXT_device_drm" in extensions:
-            found["file"] = (text(device, EGL_DRM_FILE) or b"").decode("utf-8", "replace")
+            facts["file"] = (text(device, EGL_DRM_FILE) or b"").decode("utf-8", "replace")
         if b"EGL_NV_device_cuda" in extensions:
             number = c_void_p()
             ask = self.entry("eglQueryDeviceAttribEXT", c_uint, c_void_p, c_int, c_void_p)
             if ask(device, EGL_CUDA_DEVICE, byref(number)):
-                found["cuda"] = str(number.value or 0)
+                facts["cuda"] = str(number.value or 0)
         if b"EGL_MESA_device_software" in extensions:
-            found["software"] = "yes"
-        return {name: value for name, value in found.items() if value}
+            facts["software"] = "yes"
+        return {name: value for name, value in facts.items() if value}
 
     def describe(self, display: int) -> dict[str, str]:
         """Make a context without a surface current, and return its strings."""
@@ -143,17 +143,17 @@ def device(place: str) -> dict[str, str]:
     """Describe the EGL device at a place of the list; `count` is their number, `missing` why it makes no context."""
     library = Egl()
     devices = library.devices()
-    told = {"count": str(len(devices))}
+    answer = {"count": str(len(devices))}
     try:
-        one = devices[int(place)]
+        handle = devices[int(place)]
     except IndexError:
-        return {**told, "missing": "there is no such device"}
-    told |= library.kind(one)
-    display = library.display(one)
+        return {**answer, "missing": "there is no such device"}
+    answer |= library.kind(handle)
+    display = library.display(handle)
     try:
-        return {**told, **(library.describe(display) if display else {"missing": "it cannot be initialised"})}
+        return {**answer, **(library.describe(display) if display else {"missing": "it cannot be initialised"})}
     except MissingError as error:
-        return {**told, "missing": str(error)}
+        return {**answer, "missing": str(error)}
 
 
 def osmesa() -> dict[str, str]:
@@ -222,11 +222,11 @@ def main(way: str, answer: str) -> None:
     """Ask, and write the answer."""
     way, _, place = way.partition(":")
     try:
-        found = device(place) if place else WAYS[way]()
+        result = device(place) if place else WAYS[way]()
     except (MissingError, AttributeError) as error:  # AttributeError: a library without the function
-        found = {"missing": str(error)}
+        result = {"missing": str(error)}
     with open(answer, "w") as file:  # noqa: PTH123 - nothing else here needs pathlib
-        json.dump(found, file)
+        json.dump(result, file)
 
 
 if __name__ == "__main__":

@@ -69,7 +69,7 @@ class Facts:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _Known:
+class _CacheEntry:
     """Cached facts: they hold for the file of this size and time of change (nanoseconds)."""
 
     size: int
@@ -93,7 +93,7 @@ def find(request: str) -> Interpreter | None:
     minor = ".".join(map(str, version.release[:2])) if len(version.release) > 1 else None
     there = (one for one in available(minor) if one.implementation == implementation)
     fitting = [one for one in there if _fits(version, one.version)]
-    return max(fitting, key=lambda one: Version(one.version), default=None)
+    return max(fitting, key=lambda interpreter: Version(interpreter.version), default=None)
 
 
 @functools.cache
@@ -102,9 +102,9 @@ def available(minor: str | None = None) -> tuple[Interpreter, ...]:
 
     With a minor (`3.11`), Pythons whose names show another minor are left out and never started.
     """
-    asked = (path for path in _candidates() if _may_be(path, minor))
-    found = {one.path: one for path in asked if (one := _at(path)) is not None}
-    return tuple(one for one in found.values() if Version(one.version) >= OLDEST)
+    paths = (path for path in _candidates() if _may_be(path, minor))
+    by_path = {interpreter.path: interpreter for path in paths if (interpreter := _at(path)) is not None}
+    return tuple(one for one in by_path.values() if Version(one.version) >= OLDEST)
 
 
 def look_again() -> None:
@@ -123,9 +123,9 @@ def active_version() -> str | None:
 
 def obtain(request: str, *, offline: bool = False) -> Interpreter | None:
     """Find an interpreter as `find` does; else let uv download it into the cache folder, where that is allowed."""
-    found = find(request)
-    if found is not None or offline or not _downloadable(request):
-        return found
+    interpreter = find(request)
+    if interpreter is not None or offline or not _downloadable(request):
+        return interpreter
     with _ASKING:
         if _install(request):
             look_again()
@@ -181,12 +181,12 @@ def _too_old(version: Version) -> bool:
     return version.major < OLDEST.major or (len(version.release) > 1 and version < OLDEST)
 
 
-def _fits(asked: Version, version: str) -> bool:
+def _fits(request: Version, version: str) -> bool:
     """Return whether the version has the parts that were asked for; a patch or a pre-release is asked for exactly."""
     there = Version(version)
-    if len(asked.release) > 2 or asked.is_prerelease:
-        return there == asked
-    return there.release[: len(asked.release)] == asked.release
+    if len(request.release) > 2 or request.is_prerelease:
+        return there == request
+    return there.release[: len(request.release)] == request.release
 
 
 def _may_be(path: Path, minor: str | None) -> bool:
@@ -232,14 +232,14 @@ def _facts(path: Path) -> Facts | None:
     except OSError:
         return None
     with _ASKING:
-        known = _known()
-        entry = known.get(str(path))
+        entries = _load_cache()
+        entry = entries.get(str(path))
         if entry is not None and (entry.size, entry.changed) == (status.st_size, status.st_mtime_ns):
             return entry.facts
         facts = _ask(path)
         if facts is not None:
-            known[str(path)] = _Known(size=status.st_size, changed=status.st_mtime_ns, facts=facts)
-            write_atomic(_known_file(), msgspec.json.encode(known))
+            entries[str(path)] = _CacheEntry(size=status.st_size, changed=status.st_mtime_ns, facts=facts)
+            write_atomic(_known_file(), msgspec.json.encode(entries))
         return facts
 
 
@@ -279,9 +279,11 @@ def _known_file() -> Path:
 
 
 @functools.cache
-def _known() -> dict[str, _Known]:
+def _load_cache() -> dict[str, _CacheEntry]:
     try:
-        return guarded_files.decoded(_known_file(), MOST_KNOWN, guarded_files.decoder(dict[str, _Known]).decode)
+        return guarded_files.read_decoded(
+            _known_file(), MOST_KNOWN, guarded_files.decoder(dict[str, _CacheEntry]).decode
+        )
     except Unreadable:
         return {}
 

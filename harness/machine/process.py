@@ -324,7 +324,7 @@ def confinement() -> list[str]:
     status = [line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(names)]
     namespaces = [str(Path("/proc/self/ns", name).readlink()) for name in ("user", "pid", "mnt")]
     files = [Path(name) for name in ("/proc/self/attr/current", *CONFINING)]
-    return [*status, *namespaces, *(_said(file) for file in files), f"TMPDIR={os.environ.get('TMPDIR')}"]
+    return [*status, *namespaces, *(_read_text(file) for file in files), f"TMPDIR={os.environ.get('TMPDIR')}"]
 
 
 def remember(sandbox: str) -> None:
@@ -473,7 +473,7 @@ def _completed(running: Running, report: Mapping[str, Any]) -> Completed:
     )
 
 
-def _said(file: Path) -> str:
+def _read_text(file: Path) -> str:
     try:
         return file.read_text()
     except (OSError, ValueError):

@@ -22,7 +22,7 @@ VARIABLES = (
 MOST = 16 << 20
 
 
-class _Found(msgspec.Struct, frozen=True):
+class _Discovery(msgspec.Struct, frozen=True):
     """Executables and their real paths, found under these marks."""
 
     marks: list[str]
@@ -33,13 +33,17 @@ def candidates(managed: Path) -> tuple[Path, ...]:
     """Return the real paths of files that look like a Python 3, none of them started; `managed` is our uv folder."""
     memory, marks = cache_folder() / "candidates.json", _marks(managed)
     try:
-        known = guarded_files.decoded(memory, MOST, guarded_files.decoder(_Found).decode)
+        discovery = guarded_files.read_decoded(memory, MOST, guarded_files.decoder(_Discovery).decode)
     except Unreadable:
-        known = None
-    if known is None or known.marks != marks or any(os.path.realpath(at) != real for at, real in known.pythons.items()):
-        known = _Found(marks=marks, pythons=dict(_discovered(managed)))
-        write_atomic(memory, msgspec.json.encode(known))
-    return (Path(sys.executable), *map(Path, known.pythons.values()))
+        discovery = None
+    if (
+        discovery is None
+        or discovery.marks != marks
+        or any(os.path.realpath(at) != real for at, real in discovery.pythons.items())
+    ):
+        discovery = _Discovery(marks=marks, pythons=dict(_discovered(managed)))
+        write_atomic(memory, msgspec.json.encode(discovery))
+    return (Path(sys.executable), *map(Path, discovery.pythons.values()))
 
 
 def _marks(managed: Path) -> list[str]:

@@ -31,16 +31,16 @@ def digest(module: str) -> str:
 
 def imported(module: str) -> dict[str, Path]:
     """Return the files of a module and of all our modules that it imports, directly or not, by module name."""
-    found: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     waiting = [module]
     while waiting:
         name = waiting.pop()
         path = _file(name)
-        if path and name not in found:
-            found[name] = path
+        if path and name not in files:
+            files[name] = path
             package = name if path.name == "__init__.py" else name.rpartition(".")[0]
             waiting += [package, name.rpartition(".")[0], *_imports(path.read_text(encoding="utf-8"), package)]
-    return found
+    return files
 
 
 def _data(path: Path) -> bytes:

@@ -121,7 +121,7 @@ def write_changed(path: Path, content: bytes, *, mode: int = 0o644) -> None:
     write_atomic(path, content, mode=mode)
 
 
-def remembered(kind: str, mark: str, make: Callable[[], bytes], check: Callable[[bytes], object]) -> bytes:
+def load_or_make(kind: str, mark: str, make: Callable[[], bytes], check: Callable[[bytes], object]) -> bytes:
     """Return the content from `make`, out of the cache folder if it was made for an equal mark.
 
     Cached content on which `check` raises an error is damaged, and is made again.
@@ -153,7 +153,7 @@ def question_key(question: Question, interpreter: Interpreter) -> str:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Installed:
+class InstallResult:
     """The result of an install: the environment's key and what was found inside, or the step that failed.
 
     `modules` are the top-level modules of each package, `speaking` the packages that require an API, by API. `unheld`
@@ -224,11 +224,11 @@ class Store:
         """Return the path of a lock's hash-pinned requirements; identical resolutions are one file."""
         return self.folder / "locks" / f"{lock.sha256[:16]}.txt"
 
-    def load_installed(self, key: str) -> Installed | None:
+    def load_installed(self, key: str) -> InstallResult | None:
         """Return the result of a lock's install, or None if there is none."""
-        return self._load("installed", key, Installed)
+        return self._load("installed", key, InstallResult)
 
-    def save_installed(self, key: str, installed: Installed) -> None:
+    def save_installed(self, key: str, installed: InstallResult) -> None:
         """Keep the result of an install, good or bad."""
         self._save("installed", key, installed)
 
@@ -243,11 +243,11 @@ class Store:
         """
         path = self.folder / "instants" / name
         with exclusive(path.with_name(f"{name}.lock")):  # of several first runs, one says it
-            kept = _instant(path)
-            if renew or kept is None or time() - path.stat().st_mtime > hours * 3600:
-                kept = now()
-                write_atomic(path, kept.encode())
-            return kept
+            cutoff = _instant(path)
+            if renew or cutoff is None or time() - path.stat().st_mtime > hours * 3600:
+                cutoff = now()
+                write_atomic(path, cutoff.encode())
+            return cutoff
 
     def cell_file(self, machine: str, cell_id: str) -> Path:
         """Return the path of the last record of a cell on a machine."""
@@ -259,15 +259,15 @@ class Store:
 
     def load_cell(self, machine: str, cell: Cell) -> CellRecord | None:
         """Return the last record of a cell on a machine, also where an earlier version kept it by its older id."""
-        found = _read(self.cell_file(machine, cell.id), CellRecord)
-        if found is None and (before := _read(self.cell_file(machine, cellid.older(cell)), CellRecord)):
-            found = replace(before, cell=_renamed(before.cell))
-        return found if found and found.cell.id == cell.id else None
+        record = _read(self.cell_file(machine, cell.id), CellRecord)
+        if record is None and (before := _read(self.cell_file(machine, cellid.to_old_form(cell)), CellRecord)):
+            record = replace(before, cell=_renamed(before.cell))
+        return record if record and record.cell.id == cell.id else None
 
     def glance(self, machine: str, cell: Cell) -> Glance | None:
         """Return the part of a cell's last record that shows its cost; None if there is no record."""
-        files = (self.cell_file(machine, name) for name in (cell.id, cellid.older(cell)))
-        return next((found for file in files if (found := _read(file, Glance))), None)
+        files = (self.cell_file(machine, name) for name in (cell.id, cellid.to_old_form(cell)))
+        return next((summary for file in files if (summary := _read(file, Glance))), None)
 
     def save_machine(self, name: str, facts: Mapping[str, Any]) -> None:
         """Keep the facts of a machine that cells are measured on."""
@@ -302,8 +302,8 @@ class Store:
     def _path(self, kind: str, key: str) -> str:
         return f"{self.folder}/{kind}/{key[:2]}/{key[2:]}.json"
 
-    def _load(self, kind: str, key: str, kept: type[T]) -> T | None:
-        return _read(self._path(kind, key), kept)
+    def _load(self, kind: str, key: str, record_type: type[T]) -> T | None:
+        return _read(self._path(kind, key), record_type)
 
     def _save(self, kind: str, key: str, value: Any) -> None:
         write_atomic(Path(self._path(kind, key)), _encode(value))
@@ -312,21 +312,21 @@ class Store:
 def _instant(path: Path) -> str | None:
     """Return the instant that a file holds; None where there is none, or it is damaged."""
     try:
-        kept = guarded_files.text(path, MOST_INSTANT)
+        text = guarded_files.text(path, MOST_INSTANT)
         with understanding():
-            datetime.fromisoformat(kept)
+            datetime.fromisoformat(text)
     except Absent:
         return None
     except Unreadable as error:
         logging.getLogger("harness").warning("%s: %s; the cutoff of this matrix is now", path, error)
         return None
-    return kept
+    return text
 
 
 def _renamed(cell: Cell) -> Cell:
     """Return the cell of a record, by its id of today; one of `try` keeps the id that it was measured by."""
-    name = cellid.newer(cell.id, cell.axes, cell.python if cell.base else None)
-    base = cell.base and cellid.newer(cell.base, cell.axes)
+    name = cellid.to_current_form(cell.id, cell.axes, cell.python if cell.base else None)
+    base = cell.base and cellid.to_current_form(cell.base, cell.axes)
     return cell if name == cell.id else replace(cell, id=name, base=base)
 
 
@@ -339,9 +339,9 @@ def _encode(value: Any) -> bytes:
     return msgspec.json.encode(value, order="deterministic")
 
 
-def _read(path: str | Path, kept: type[T]) -> T | None:
+def _read(path: str | Path, record_type: type[T]) -> T | None:
     """Return the decoded file; None if it is absent, damaged, or of an older shape and so of no use."""
     try:
-        return guarded_files.decoded(path, MOST_RECORD, guarded_files.decoder(kept).decode)
+        return guarded_files.read_decoded(path, MOST_RECORD, guarded_files.decoder(record_type).decode)
     except Unreadable:
         return None

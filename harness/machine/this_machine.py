@@ -76,7 +76,7 @@ def facts() -> Machine:
     """Return this machine; facts that take a process to find out are kept until the system changes."""
     parts = _parts()
     libc = " ".join(platform.libc_ver()).strip() or "unknown libc"
-    known = {
+    properties = {
         "os": _distribution(),
         "kernel": ".".join(platform.release().split(".")[:2]),
         "architecture": platform.machine(),
@@ -88,7 +88,7 @@ def facts() -> Machine:
     labels = (sys.platform, platform.machine(), libc.replace(" ", ""), _gl_label(parts), _gpu_label(parts["gpu"]))
     return Machine(
         id="-".join(filter(None, labels)),
-        facts=known,
+        facts=properties,
         capabilities=frozenset(name for name, part in parts.items() if "missing" not in part),
     )
 
@@ -112,7 +112,7 @@ WAYS = {"egl": "egl", "osmesa": "osmesa", "display": "glfw"}
 PYGLET = "pyglet"
 
 
-def supplied(
+def choose_variables(
     given: Mapping[str, str], needs: Collection[str] = (), packages: Mapping[str, str] = NOTHING
 ) -> dict[str, str]:
     """Return the variables that rendering needs here, never over a variable that was given, be it empty.
@@ -120,19 +120,19 @@ def supplied(
     A display is among them only where something draws on one: `needs` and `packages` (with their versions) tell.
     """
     capabilities = facts().capabilities
-    found: dict[str, str] = {}
+    variables: dict[str, str] = {}
     way = next((value for name, value in WAYS.items() if name in capabilities), None)
     if way:
-        found["MUJOCO_GL"] = way
+        variables["MUJOCO_GL"] = way
     if given.get("MUJOCO_GL", way) == "osmesa":
-        found["PYOPENGL_PLATFORM"] = "osmesa"
-    found["SDL_VIDEODRIVER"] = "dummy"
-    shown = {*needs, *drawing_needs({**found, **given}), *_pyglet_needs(packages)}
+        variables["PYOPENGL_PLATFORM"] = "osmesa"
+    variables["SDL_VIDEODRIVER"] = "dummy"
+    shown = {*needs, *drawing_needs({**variables, **given}), *_pyglet_needs(packages)}
     if given.get("SDL_VIDEODRIVER") == "x11":
         shown.add("display")
     if "display" in shown and "display" in capabilities:
-        found[display.VARIABLE] = facts().facts["display"]["server"]
-    return {name: value for name, value in found.items() if name not in given}
+        variables[display.VARIABLE] = facts().facts["display"]["server"]
+    return {name: value for name, value in variables.items() if name not in given}
 
 
 def other_ways(
@@ -147,13 +147,13 @@ def other_ways(
     window = {}
     if "display" in capabilities:
         window = {display.VARIABLE: facts().facts["display"]["server"], "SDL_VIDEODRIVER": "x11"}
-    found = [{name: text for name, text in supplied.items() if name != "SDL_VIDEODRIVER"}, {**supplied, **window}]
+    candidates = [{name: text for name, text in supplied.items() if name != "SDL_VIDEODRIVER"}, {**supplied, **window}]
     values = [value for name, value in WAYS.items() if name in capabilities]
     for value in values if "MUJOCO_GL" in supplied and {*packages} & {*(readers("MUJOCO_GL") or ())} else ():
         own = {"PYOPENGL_PLATFORM": "osmesa"} if value == "osmesa" else window if value == "glfw" else {}
-        kept = {name: text for name, text in supplied.items() if name != "PYOPENGL_PLATFORM"}
-        found.append({**kept, "MUJOCO_GL": value, **own})
-    plain = [{name: text for name, text in each.items() if name not in given} for each in found]
+        base = {name: text for name, text in supplied.items() if name != "PYOPENGL_PLATFORM"}
+        candidates.append({**base, "MUJOCO_GL": value, **own})
+    plain = [{name: text for name, text in each.items() if name not in given} for each in candidates]
     return tuple(each for number, each in enumerate(plain) if each not in (supplied, *plain[:number]))
 
 
@@ -170,15 +170,15 @@ def drawing_needs(variables: Mapping[str, str]) -> tuple[str, ...]:
     return (need,) if need else ()
 
 
-def undrawable(variables: Mapping[str, str], packages: Mapping[str, str] = NOTHING) -> dict[str, str]:
+def explain_undrawable(variables: Mapping[str, str], packages: Mapping[str, str] = NOTHING) -> dict[str, str]:
     """Return why nothing can be drawn by OpenGL here with these variables: a sentence by the module that draws.
 
     pyglet has its own reason, all other modules share that of the empty name; empty if there is none.
     """
     anything = facts().capabilities & set(DRAWN_WITH.values())
     reasons = {
-        "": missing_for(drawing_needs(variables) or (() if anything else ("egl",))),
-        PYGLET: missing_for(_pyglet_needs(packages)),
+        "": describe_missing(drawing_needs(variables) or (() if anything else ("egl",))),
+        PYGLET: describe_missing(_pyglet_needs(packages)),
     }
     return {module: reason for module, reason in reasons.items() if reason}
 
@@ -195,7 +195,7 @@ def base_environment(needs: Sequence[str] = ()) -> dict[str, str]:
     return ENVIRONMENT | {name: os.environ[name] for name in names if name in os.environ}
 
 
-def missing_for(needs: Iterable[str]) -> str | None:
+def describe_missing(needs: Iterable[str]) -> str | None:
     """Return a sentence with the needs that this machine lacks and their remedies; None if it lacks nothing."""
     machine = facts()
     return "; ".join(_hint(need, machine) for need in needs if need not in machine.capabilities) or None
@@ -219,20 +219,20 @@ def _parts() -> dict[str, dict[str, str]]:
     """Return the description of each part; ask again only if something was installed, removed or started."""
     memory, marks = cache_folder() / "machine.json", _marks()
     try:
-        kept = guarded_files.decoded(memory, MOST, guarded_files.decoder(_Memory).decode)
+        record = guarded_files.read_decoded(memory, MOST, guarded_files.decoder(_Memory).decode)
     except Unreadable:
-        kept = None
-    if kept and kept.marks == marks:
-        process.remember(kept.sandbox)
-        return kept.parts
+        record = None
+    if record and record.marks == marks:
+        process.remember(record.sandbox)
+        return record.parts
     from concurrent.futures import ThreadPoolExecutor  # noqa: PLC0415 - start-up
 
     ways = ("egl", "osmesa", "glu")
     process.sandbox_mode()  # found out once, not by each thread
     with ThreadPoolExecutor(len(ways) + 1) as pool:
         shown = pool.submit(_ask_display)
-        asked = dict(zip(ways, pool.map(_ask, ways), strict=True))
-        answers = {**asked, "display": shown.result(), "gpu": _gpu(Path("/"))}
+        gl_answers = dict(zip(ways, pool.map(_ask, ways), strict=True))
+        answers = {**gl_answers, "display": shown.result(), "gpu": _gpu(Path("/"))}
     parts = {name: answer for name, (answer, _) in answers.items()}
     if all(certain for _, certain in answers.values()):
         sandbox = "" if os.environ.get(process.FORCED) else process.sandbox_mode()
@@ -294,13 +294,15 @@ def _ask(way: str, screen: str = "") -> tuple[dict[str, str], bool]:
         argv = (sys.executable, "-I", "-S", str(PROBE), way, str(answer))
         command = _command(argv, {**base_environment(), display.VARIABLE: screen}, home, Profile.CELL)
         try:
-            with display.shown(command, home / "display") as seen:
+            with display.open_display(command, home / "display") as seen:
                 done = run(seen.command)
         except display.NoDisplayError as error:
             return {"missing": str(error)}, True
         with suppress(Unreadable):
-            told = guarded_files.decoded(answer, MOST, msgspec.json.Decoder(dict[str, str]).decode)
-            return {name: normalise(text, seen.places) for name, text in told.items()} if seen.places else told, True
+            strings = guarded_files.read_decoded(answer, MOST, msgspec.json.Decoder(dict[str, str]).decode)
+            return {
+                name: normalise(text, seen.places) for name, text in strings.items()
+            } if seen.places else strings, True
         return {"missing": f"its driver {_death(done)}"}, done.killed is None and not done.timed_out
 
 
@@ -353,11 +355,11 @@ def _gl_label(parts: Mapping[str, Mapping[str, str]]) -> str:
     way = next((way for way in ("egl", "osmesa") if "missing" not in parts[way]), None)
     if way is None:
         return "nogl"
-    said = parts[way]
-    driver = re.search(r"(Mesa|NVIDIA) (\d+\.\d+)", said["version"])
-    label = "".join(driver.groups()).lower() if driver else _slug(f"{said['vendor']} {said['version']}")
-    software = re.match(r"llvmpipe|softpipe|swrast", said["renderer"])
-    hardware = "" if software or label.startswith("nvidia") else f"-{_slug(said['renderer'])}"
+    strings = parts[way]
+    driver = re.search(r"(Mesa|NVIDIA) (\d+\.\d+)", strings["version"])
+    label = "".join(driver.groups()).lower() if driver else _slug(f"{strings['vendor']} {strings['version']}")
+    software = re.match(r"llvmpipe|softpipe|swrast", strings["renderer"])
+    hardware = "" if software or label.startswith("nvidia") else f"-{_slug(strings['renderer'])}"
     return ("osmesa-" if way == "osmesa" else "") + label + hardware
 
 

@@ -18,7 +18,7 @@ NEVER = "python_version < '0'"
 # --- making it -------------------------------------------------------------------------------------------------
 
 
-def applied(cell: Cell, change: Change, recipes: Mapping[str, tuple[Repair, ...]]) -> Cell:
+def apply(cell: Cell, change: Change, recipes: Mapping[str, tuple[Repair, ...]]) -> Cell:
     """Return the cell with a change made to it; `recipes` are the repairs of packages by name.
 
     Raises ValueError where no recipe repairs a package of its overlay.
@@ -33,8 +33,8 @@ def applied(cell: Cell, change: Change, recipes: Mapping[str, tuple[Repair, ...]
 
 
 def _question(question: Question, change: Change, recipes: Mapping[str, tuple[Repair, ...]]) -> Question:
-    asked = _names(change.requirements)
-    gone = {*asked, *change.uninstall}
+    packages = _names(change.requirements)
+    gone = {*packages, *change.uninstall}
     requirements = _with_extras(change.requirements, question.requirements)
     changed = replace(
         question,
@@ -56,7 +56,7 @@ def _question(question: Question, change: Change, recipes: Mapping[str, tuple[Re
     names = tuple(dict.fromkeys((*(one.name for one in question.overlay), *change.overlay)))
     if not names:
         return changed
-    return replace(changed, overlay=overlay_recipes.fitting(overlay_recipes.chosen(recipes, names), changed))
+    return replace(changed, overlay=overlay_recipes.fitting(overlay_recipes.find_repairs(recipes, names), changed))
 
 
 def _names(requirements: Iterable[str]) -> set[str]:
@@ -87,24 +87,24 @@ def _with_extras(new: Iterable[str], old: Iterable[str]) -> Iterator[str]:
 
 def id_of(cell: Cell, name: str, change: Change) -> str:
     """Return the id of a cell with a change of this name; it says where the cell runs on another Python."""
-    return cellid.changed(cell.id, name, change.python if change.python != cell.python else None)
+    return cellid.build_changed(cell.id, name, change.python if change.python != cell.python else None)
 
 
-def same(one: Cell, other: Cell) -> bool:
+def same(cell: Cell, other: Cell) -> bool:
     """Return whether two cells come to the same measurement, whatever their ids and the order of their requirements."""
-    return _plain(one) == _plain(other)
+    return _plain(cell) == _plain(other)
 
 
-def comes_to(base: Cell, change: Change, other: Cell) -> bool:
+def produces(base: Cell, change: Change, other: Cell) -> bool:
     """Return whether a change makes this other cell of a cell, and not the same cell again."""
-    known: dict[str, tuple[Repair, ...]] = {}
+    recipes: dict[str, tuple[Repair, ...]] = {}
     for repair in (*base.question.overlay, *other.question.overlay):
-        known[repair.name] = (*(one for one in known.get(repair.name, ()) if one != repair), repair)
+        recipes[repair.name] = (*(one for one in recipes.get(repair.name, ()) if one != repair), repair)
     try:
-        made = applied(base, change, known)
+        changed_cell = apply(base, change, recipes)
     except ValueError:  # it repairs what the other cell does not
         return False
-    return same(made, other) and not same(made, base)
+    return same(changed_cell, other) and not same(changed_cell, base)
 
 
 def _plain(cell: Cell) -> Cell:
@@ -112,14 +112,14 @@ def _plain(cell: Cell) -> Cell:
     lists = ("requirements", "constraints", "overrides", "build_constraints", "only_binary", "absent")
     ordered: dict[str, Any] = {name: tuple(sorted(getattr(question, name))) for name in lists}
     question = replace(question, **ordered)
-    overlay = tuple(sorted(question.overlay, key=lambda one: (one.name, one.wheel)))
+    overlay = tuple(sorted(question.overlay, key=lambda repair: (repair.name, repair.wheel)))
     return replace(cell, id="", question=replace(question, overlay=overlay), expect=None, base=None, tried=None)
 
 
 def plain(change: Change) -> dict[str, Any]:
     """Return a change in the form of documents: only what it does."""
-    said = {one.name: getattr(change, one.name) for one in fields(change)}
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in said.items() if value}
+    values = {one.name: getattr(change, one.name) for one in fields(change)}
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items() if value}
 
 
 def in_words(remedy: Mapping[str, Any]) -> str:
@@ -127,6 +127,6 @@ def in_words(remedy: Mapping[str, Any]) -> str:
     return remedies.in_words(remedy)
 
 
-def described(change: Change) -> tuple[str, ...]:
+def describe(change: Change) -> tuple[str, ...]:
     """Describe each thing that a change does in a few words."""
-    return tuple(remedies.does(plain(change)))
+    return tuple(remedies.describe_steps(plain(change)))

@@ -31,7 +31,7 @@ from harness.matrix.matrix_types import (
 from harness.matrix.strategy import Strategy
 from harness.model import CELL_PHASES, Phase, Verdict, requirement_texts
 from harness.model.errors import BadInput
-from harness.model.schema import key_path, load_toml, located, suggestion
+from harness.model.schema import key_path, load_toml, locate_errors, suggestion
 from harness.model.vocabulary import (
     ABSENT,
     APIS,
@@ -71,7 +71,7 @@ def read(text: str, path: str) -> Matrix:
     """Read a matrix file; `path` gives the matrix its name and stands in messages."""
     table = load_toml(text, MatrixTable, path)
     name = PurePosixPath(path).stem
-    with located(path):
+    with locate_errors(path):
         Label.canonical(name)
     axes = {axis: _named(path, axis, written) for axis, written in table.axes.items()}
     fields = {field: getattr(table, field) for field in table.__struct_fields__}
@@ -104,12 +104,12 @@ def repairing(matrix: Matrix) -> bool:
 def _named(file: str, name: str, axis: Axis) -> Axis:
     """Return the axis with the kind that its name implies (Python or package), and its versions normalised."""
     kind = Kind.PYTHON if name == Kind.PYTHON else axis.kind
-    with located(file, "axes", name):
+    with locate_errors(file, "axes", name):
         _check_name(name, axis)
     values: dict[str, Value] = {}
     for index, value in enumerate(axis.values):
         segment = _segment(kind, value, index)
-        with located(file, "axes", name, *segment):
+        with locate_errors(file, "axes", name, *segment):
             text = value_text(kind, value.text)
             if text in values:
                 message = f'"{text}" is listed twice'
@@ -187,26 +187,26 @@ def _check(matrix: Matrix) -> None:
     for path, when in _conditions(matrix):
         _check_when(matrix, path, when)
     for index, expected in enumerate(matrix.expect):
-        with located(matrix.path, "expect", index):
+        with locate_errors(matrix.path, "expect", index):
             if expected.cells is None and not expected.when:
                 raise ValueError(WHICH)
             _check_expect(matrix, expected)
     for index, change in enumerate(matrix.change):
-        with located(matrix.path, "change", index):
+        with locate_errors(matrix.path, "change", index):
             _check_change(change)
-        with located(matrix.path, "change", index, "expect"):
+        with locate_errors(matrix.path, "change", index, "expect"):
             _check_expect(matrix, change.expect)
 
 
 def _check_pivot(matrix: Matrix) -> None:
     """Refuse a pivot unless it names two different axes of the matrix."""
     for index, name in enumerate(matrix.pivot or ()):
-        with located(matrix.path, "pivot", index):
+        with locate_errors(matrix.path, "pivot", index):
             if name not in matrix.axes:
                 message = f'there is no axis "{name}"{suggestion(name, matrix.axes)}'
                 raise ValueError(message)
     if matrix.pivot and len(set(matrix.pivot)) < 2:
-        with located(matrix.path, "pivot"):
+        with locate_errors(matrix.path, "pivot"):
             message = "down and across are the same axis"
             raise ValueError(message)
 
@@ -214,17 +214,17 @@ def _check_pivot(matrix: Matrix) -> None:
 def _check_subject(matrix: Matrix) -> None:
     """Refuse an empty subject, and keys that need a subject where the matrix has none."""
     if matrix.subject is not None:
-        with located(matrix.path, "subject"):
+        with locate_errors(matrix.path, "subject"):
             if not matrix.subject.strip():
                 message = 'write a folder, such as ".", a wheel, or git+ADDRESS@REFERENCE'
                 raise ValueError(message)
         return
-    said: list[Keys] = [(*path, key) for path, changes in _changes(matrix) for key in ("extras", "groups")
+    key_paths: list[Keys] = [(*path, key) for path, changes in _changes(matrix) for key in ("extras", "groups")
                         if getattr(changes, key)]  # fmt: skip
-    said += [("axes", name) for name, axis in matrix.axes.items() if axis.kind in {Kind.EXTRA, Kind.GROUP}]
-    said += [("suite",)] if matrix.suite else []
-    if said:
-        with located(matrix.path, *said[0]):
+    key_paths += [("axes", name) for name, axis in matrix.axes.items() if axis.kind in {Kind.EXTRA, Kind.GROUP}]
+    key_paths += [("suite",)] if matrix.suite else []
+    if key_paths:
+        with locate_errors(matrix.path, *key_paths[0]):
             message = 'there is no package under test to have it; write for instance subject = "."'
             raise ValueError(message)
 
@@ -257,7 +257,7 @@ def _conditions(matrix: Matrix) -> Iterator[tuple[Keys, When]]:
 
 def _check_when(matrix: Matrix, path: Keys, when: When, *, locks: bool = False) -> None:
     for name, patterns in when.items():
-        with located(matrix.path, *path, "when", name):
+        with locate_errors(matrix.path, *path, "when", name):
             kind = _axis(matrix, name).kind
             if locks and kind is Kind.VARIABLE:
                 message = "an environment variable never changes what is installed; use a bundle axis"
@@ -294,14 +294,14 @@ def _check_changes(matrix: Matrix, path: Keys, changes: Changes) -> None:
         for index, constraint in enumerate(getattr(changes, key)):
             where = (*path, key, index)
             _check_when(matrix, where, constraint.when, locks=True)
-            with located(matrix.path, *where):
+            with locate_errors(matrix.path, *where):
                 if parsed_requirement(constraint.require).extras and key != "overrides":
                     message = f'"{constraint.require}" has extras, which a constraint cannot have'
                     raise ValueError(message)
 
 
 def _check_case(file: str, path: Keys, case: CaseTable) -> None:
-    with located(file, *path):
+    with locate_errors(file, *path):
         if case.env is None and not case.imports:
             message = 'a case needs an "env", or "imports" alone'
             raise ValueError(message)
@@ -311,26 +311,26 @@ def _check_case(file: str, path: Keys, case: CaseTable) -> None:
             raise ValueError(message)
         case_id(case.env, case.imports)
     checks = checks_of(case.checks) if case.env else (IMPORT_CHECK,)
-    with located(file, *path, "checks"):
+    with locate_errors(file, *path, "checks"):
         if not case.env and (case.checks and checks_of(case.checks) != checks):
             message = 'without an "env" there is nothing to check but "import"'
             raise ValueError(message)
     phases = {check.partition(".")[0] for check in checks}
-    with located(file, *path, "picture"):
+    with locate_errors(file, *path, "picture"):
         if case.picture and "render" not in phases:
             message = 'is never looked at, since "checks" leaves "render" out'
             raise ValueError(message)
     for index, name in enumerate(case.required):
-        with located(file, *path, "required", index):
+        with locate_errors(file, *path, "required", index):
             if name.partition(".")[0] not in phases:
                 message = f'"{name}" is never looked at, since "checks" leaves its phase out'
                 raise ValueError(message)
             if name in CHECKS and name not in checks:
                 message = f'"{name}" is never looked at, since "checks" leaves it out'
                 raise ValueError(message)
-    with located(file, *path, "kwargs"):
+    with locate_errors(file, *path, "kwargs"):
         _check_finite(case.kwargs)
-    with located(file, *path, "timeouts"):
+    with locate_errors(file, *path, "timeouts"):
         _check_finite(case.timeouts)
 
 
@@ -376,11 +376,11 @@ def _strategy(matrix: Matrix) -> Strategy:
     """Return the strategy with versions in their normalised form."""
 
     def canonical(name: str, text: str) -> str:
-        with located(matrix.path, "strategy", "baseline", name):
+        with locate_errors(matrix.path, "strategy", "baseline", name):
             return value_text(_axis(matrix, name).kind, text)
 
     for path, case in _cases(matrix):
-        with located(matrix.path, *path, "only"):
+        with locate_errors(matrix.path, *path, "only"):
             if case.only and not matrix.strategy.baselines:
                 message = 'the strategy has no baseline; write strategy = "baseline", or a list with it'
                 raise ValueError(message)
@@ -391,14 +391,14 @@ def _included(matrix: Matrix, index: int, table: IncludeTable) -> IncludeTable:
     """Return the combination with its values in their normalised form."""
     values = {}
     for name, text in table.axes.items():
-        with located(matrix.path, "include", index, "axes", name):
+        with locate_errors(matrix.path, "include", index, "axes", name):
             axis = _axis(matrix, name)
             values[name] = value_text(axis.kind, text)
             labels = [value.text for value in axis.values]
             if axis.kind is Kind.BUNDLE and text not in labels:
                 message = f'unknown value "{text}"{suggestion(text, labels)}'
                 raise ValueError(message)
-    with located(matrix.path, "include", index, "axes"):
+    with locate_errors(matrix.path, "include", index, "axes"):
         if missing := [name for name in matrix.axes if name not in values]:
             message = f'the key "{missing[0]}" is missing'
             raise ValueError(message)

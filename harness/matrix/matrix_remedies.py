@@ -10,7 +10,7 @@ import msgspec
 from harness.matrix import matrix_file
 from harness.matrix.matrix_types import ChangeTable, Constraint, Matrix
 from harness.matrix.signatures import Signature
-from harness.model.schema import located, suggestion
+from harness.model.schema import locate_errors, suggestion
 
 
 def named(matrix: Matrix) -> list[tuple[matrix_file.Keys, str]]:
@@ -24,11 +24,11 @@ def named(matrix: Matrix) -> list[tuple[matrix_file.Keys, str]]:
     return [(path, name) for path, name in places if name]
 
 
-def filled(matrix: Matrix, known: Iterable[Signature]) -> Matrix:
+def fill(matrix: Matrix, signatures: Iterable[Signature]) -> Matrix:
     """Return the matrix with its `remedy_of` changes filled in. Raises BadInput for an unknown failure."""
-    ids = {str(one.id): one for one in known}
+    ids = {str(one.id): one for one in signatures}
     for path, name in named(matrix):
-        with located(matrix.path, *path):
+        with locate_errors(matrix.path, *path):
             if name not in ids:
                 message = f'no signature is called "{name}"{suggestion(name, ids)}'
                 raise ValueError(message)
@@ -37,17 +37,17 @@ def filled(matrix: Matrix, known: Iterable[Signature]) -> Matrix:
     )
 
 
-def _remedied(matrix: Matrix, index: int, change: ChangeTable, known: Mapping[str, Signature]) -> ChangeTable:
+def _remedied(matrix: Matrix, index: int, change: ChangeTable, by_id: Mapping[str, Signature]) -> ChangeTable:
     """Return the change with the contents of its remedy filled in."""
     if change.remedy_of is None:
         return change
-    remedy = known[change.remedy_of].remedy
-    with located(matrix.path, "change", index, "remedy_of"):
+    remedy = by_id[change.remedy_of].remedy
+    with locate_errors(matrix.path, "change", index, "remedy_of"):
         if remedy.change is None:
             message = f'no machine can apply the remedy of "{change.remedy_of}": {remedy.text}'
             raise ValueError(message)
-    said: dict[str, Any] = {name: getattr(remedy, name) for name in matrix_file.DOING if name in remedy.plain}
+    contents: dict[str, Any] = {name: getattr(remedy, name) for name in matrix_file.DOING if name in remedy.plain}
     for name in ("constraints", "overrides", "build_constraints"):
-        if name in said:
-            said[name] = tuple(Constraint(text, {}) for text in said[name])
-    return msgspec.structs.replace(change, **said)
+        if name in contents:
+            contents[name] = tuple(Constraint(text, {}) for text in contents[name])
+    return msgspec.structs.replace(change, **contents)

@@ -15,7 +15,7 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.version import InvalidVersion, Version
 
 from harness.model import Edit, Question, Repair
-from harness.model.schema import load_toml, located, suggestion
+from harness.model.schema import load_toml, locate_errors, suggestion
 from harness.model.vocabulary import Instant, PackageName, Requirement, parsed_requirement, required_name
 
 Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}$")]
@@ -57,32 +57,32 @@ class RecipeTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 def read(text: str, file: str) -> tuple[Repair, ...]:
     """Return the repairs of a recipe, oldest release first; `file` is its name in messages."""
     table = load_toml(text, RecipeTable, file)
-    with located(file, "python"):
+    with locate_errors(file, "python"):
         try:
             SpecifierSet(table.python or "")
         except InvalidSpecifier:
             message = f'"{table.python}" is not a specifier such as ">=3.7,<3.12"'
             raise ValueError(message) from None
     for index, line in enumerate(table.build):
-        with located(file, "build", index):
+        with locate_errors(file, "build", index):
             if not re.fullmatch(r"[\w.-]+==[\w.!+-]+", line):
                 message = f'"{line}" is not pinned; write it as in "setuptools==66.1.1"'
                 raise ValueError(message)
     edits = tuple(Edit(field=edit.field, old=edit.old, new=edit.new) for edit in table.edits)
-    made = {}
+    repairs = {}
     for index, release in enumerate(table.releases):
-        with located(file, "releases", index):
+        with locate_errors(file, "releases", index):
             _check_origin(release, table)
-        with located(file, "releases", index, "version"):
+        with locate_errors(file, "releases", index, "version"):
             try:
                 version = Version(release.version)
             except InvalidVersion:
                 message = f'"{release.version}" is not a version'
                 raise ValueError(message) from None
-            if version in made:
+            if version in repairs:
                 message = f'"{release.version}" is listed twice'
                 raise ValueError(message)
-        made[version] = Repair(
+        repairs[version] = Repair(
             name=str(table.package),
             version=str(version),
             uploaded=str(release.uploaded),
@@ -94,7 +94,7 @@ def read(text: str, file: str) -> tuple[Repair, ...]:
             reason=table.reason,
             link=table.link,
         )
-    return tuple(made[version] for version in sorted(made))
+    return tuple(repairs[version] for version in sorted(repairs))
 
 
 def _check_origin(release: ReleaseTable, table: RecipeTable) -> None:
@@ -121,10 +121,10 @@ def fitting(repairs: Iterable[Repair], question: Question) -> tuple[Repair, ...]
     )
 
 
-def used(repairs: Iterable[Repair], hashes: Iterable[str]) -> tuple[Repair, ...]:
+def select_by_hash(repairs: Iterable[Repair], hashes: Iterable[str]) -> tuple[Repair, ...]:
     """Return the repairs whose wheels are among these hashes."""
-    known = set(hashes)
-    return tuple(one for one in repairs if one.wheel in known)
+    wheels = set(hashes)
+    return tuple(one for one in repairs if one.wheel in wheels)
 
 
 def described(repair: Repair) -> str:
@@ -133,21 +133,21 @@ def described(repair: Repair) -> str:
     return f"{repair.name} {repair.version}: {changes}"
 
 
-def chosen(known: Mapping[str, tuple[Repair, ...]], names: Sequence[str]) -> tuple[Repair, ...]:
+def find_repairs(recipes: Mapping[str, tuple[Repair, ...]], names: Sequence[str]) -> tuple[Repair, ...]:
     """Return the repairs of these packages. Raises ValueError if there are none for one of them."""
-    unknown = next((name for name in names if name not in known), None)
+    unknown = next((name for name in names if name not in recipes), None)
     if unknown is not None:
-        message = f'no recipe repairs "{unknown}"{suggestion(unknown, known)}'
+        message = f'no recipe repairs "{unknown}"{suggestion(unknown, recipes)}'
         raise ValueError(message)
-    return tuple(repair for name in names for repair in known[name])
+    return tuple(repair for name in names for repair in recipes[name])
 
 
 def _bounds(lines: Iterable[str]) -> dict[str, SpecifierSet]:
     """Return the bounds that unconditional requirements set on versions, by package."""
-    found: dict[str, SpecifierSet] = {}
+    bounds: dict[str, SpecifierSet] = {}
     for line in lines:
         requirement = parsed_requirement(line)
         if requirement.marker is None:
             name = required_name(line)
-            found[name] = found.get(name, SpecifierSet()) & requirement.specifier
-    return found
+            bounds[name] = bounds.get(name, SpecifierSet()) & requirement.specifier
+    return bounds

@@ -18,7 +18,7 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from harness.matrix.matrix_types import Table
 from harness.model import Change, Observed, Phase
 from harness.model.errors import BadInput
-from harness.model.schema import load_toml, located
+from harness.model.schema import load_toml, locate_errors
 from harness.model.vocabulary import (
     Api,
     Instant,
@@ -30,7 +30,7 @@ from harness.model.vocabulary import (
     Variables,
     Word,
 )
-from harness.model.words import met, refusal, sentence_pattern
+from harness.model.words import contains, refusal, sentence_pattern
 
 ESCAPED = r"\\[\s\S]"
 CLASS = r"\[[^\]]+\]"
@@ -57,11 +57,11 @@ class PortablePattern(Word):
         compiled = Pattern.compiled(text, re.MULTILINE)
         foreign = PYTHONS_ESCAPE.search(text.replace("\\\\", ""))
         plain = re.sub(ESCAPED, "e", text)
-        found = next((what for syntax, what in UNPORTABLE if re.search(syntax, _searched(syntax, plain))), None)
+        fault = next((what for syntax, what in UNPORTABLE if re.search(syntax, _searched(syntax, plain))), None)
         if foreign:
-            found = f'the escape "{foreign[0]}"; `^` and `$` are the ends of a line'
-        if found:
-            message = f'"{text}" has what a browser does not know: {found}'
+            fault = f'the escape "{foreign[0]}"; `^` and `$` are the ends of a line'
+        if fault:
+            message = f'"{text}" has what a browser does not know: {fault}'
             raise ValueError(message)
         if compiled.search(""):
             message = f'"{text}" matches the empty text, and so everything'
@@ -129,11 +129,11 @@ class RemedyTable(Table, frozen=True, kw_only=True):
     @property
     def change(self) -> Change | None:
         """Return the part of the remedy that a machine can apply; None if there is none."""
-        said = {name: value for name, value in self.plain.items() if name != "text"}
-        found: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value for name, value in said.items()
+        values = {name: value for name, value in self.plain.items() if name != "text"}
+        arguments: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value for name, value in values.items()
         }
-        return Change(**found) if found else None
+        return Change(**arguments) if arguments else None
 
     @property
     def plain(self) -> dict[str, Any]:
@@ -225,13 +225,13 @@ class Signature(Table, frozen=True, kw_only=True):
 
     def observes(self, observed: Observed) -> bool:
         """Return whether an observation has one of its codes and fits its data."""
-        return any(met(code, self.data, observed) for code in self.codes)
+        return any(contains(code, self.data, observed) for code in self.codes)
 
     @property
     def as_file(self) -> dict[str, Any]:
         """Return its file's fields that are matched in texts or shown; examples and sightings are left out."""
         parts = (part.requirements for part in self.packages)
-        said = {
+        fields = {
             "id": str(self.id),
             "cause": self.cause,
             "remedy": self.remedy.plain,
@@ -250,7 +250,7 @@ class Signature(Table, frozen=True, kw_only=True):
             "formerly": list(map(str, self.formerly)),
             "references": list(self.references),
         }
-        return {name: value for name, value in said.items() if value}
+        return {name: value for name, value in fields.items() if value}
 
 
 class SignaturesFile(Table, frozen=True, kw_only=True):
@@ -261,48 +261,48 @@ class SignaturesFile(Table, frozen=True, kw_only=True):
 
 def read(texts: Mapping[str, str]) -> tuple[Signature, ...]:
     """Return the signatures of files, given as texts by the names that messages use. Raises BadInput."""
-    known: dict[str, str] = {}
-    found: list[Signature] = []
+    files_by_id: dict[str, str] = {}
+    signatures: list[Signature] = []
     for file, text in texts.items():
-        for index, one in enumerate(load_toml(text, SignaturesFile, file).signature):
-            with located(file, "signature", index):
-                _check(one)
-            for name in (one.id, *one.formerly):
-                if name in known:
-                    message = f'{file}: signature[{index}].id: "{name}" is listed twice, first in {known[name]}'
+        for index, signature in enumerate(load_toml(text, SignaturesFile, file).signature):
+            with locate_errors(file, "signature", index):
+                _check(signature)
+            for name in (signature.id, *signature.formerly):
+                if name in files_by_id:
+                    message = f'{file}: signature[{index}].id: "{name}" is listed twice, first in {files_by_id[name]}'
                     raise BadInput(message)
-                known[name] = file
-            found.append(one)
-    return tuple(found)
+                files_by_id[name] = file
+            signatures.append(signature)
+    return tuple(signatures)
 
 
-def _check(one: Signature) -> None:
-    refused = (refusal(code, one.data) for code in one.codes or (None,))
-    message = next((why for why in refused if why), None) or _check_silent(one)
-    if message or (one.silent and not one.loud):
+def _check(signature: Signature) -> None:
+    refused = (refusal(code, signature.data) for code in signature.codes or (None,))
+    message = next((why for why in refused if why), None) or _check_silent(signature)
+    if message or (signature.silent and not signature.loud):
         pass
-    elif len(one.examples) < EXAMPLES:
-        message = f'"{one.id}" has too few examples: {EXAMPLES} texts at least that differ'
-    elif not one.loud:
-        message = f'"{one.id}" has neither a "pattern", a "code" nor a "signal", and so could be anything'
-    elif one.generic and not (one.packages or one.masks):
-        message = f'"{one.id}" is generic, and so has to name its "packages"'
-    elif not one.remedy.plain:
-        message = f'"{one.id}" has an empty remedy; say in words ("text") what can be done, or that nothing can'
+    elif len(signature.examples) < EXAMPLES:
+        message = f'"{signature.id}" has too few examples: {EXAMPLES} texts at least that differ'
+    elif not signature.loud:
+        message = f'"{signature.id}" has neither a "pattern", a "code" nor a "signal", and so could be anything'
+    elif signature.generic and not (signature.packages or signature.masks):
+        message = f'"{signature.id}" is generic, and so has to name its "packages"'
+    elif not signature.remedy.plain:
+        message = f'"{signature.id}" has an empty remedy; say in words ("text") what can be done, or that nothing can'
     if message:
         raise ValueError(message)
-    if one.code:
-        PortablePattern.canonical(one.wording or "")
+    if signature.code:
+        PortablePattern.canonical(signature.wording or "")
 
 
-def _check_silent(one: Signature) -> str | None:
-    scoped = [name for name in ("envs", "apis", "opengl", "check") if getattr(one, name)]
-    if not one.silent:
-        return f'"{one.id}" has "{scoped[0]}", which only a silent one has' if scoped else None
-    if not one.packages:
-        return f'"{one.id}" is silent, and so has to name its "packages"'
-    if one.examples and not one.loud:
-        return f'"{one.id}" is silent and has no "pattern": nothing is written that its "examples" could be of'
+def _check_silent(signature: Signature) -> str | None:
+    scoped = [name for name in ("envs", "apis", "opengl", "check") if getattr(signature, name)]
+    if not signature.silent:
+        return f'"{signature.id}" has "{scoped[0]}", which only a silent one has' if scoped else None
+    if not signature.packages:
+        return f'"{signature.id}" is silent, and so has to name its "packages"'
+    if signature.examples and not signature.loud:
+        return f'"{signature.id}" is silent and has no "pattern": nothing is written that its "examples" could be of'
     return None
 
 
@@ -315,9 +315,9 @@ class Sighting:
     told: bool
 
 
-def machine_applicable(known: Iterable[Signature]) -> Iterator[tuple[Signature, Change]]:
+def machine_applicable(signatures: Iterable[Signature]) -> Iterator[tuple[Signature, Change]]:
     """Yield the signatures whose remedy a machine can apply, each with that change."""
-    for one in known:
-        change = one.remedy.change
+    for signature in signatures:
+        change = signature.remedy.change
         if change:
-            yield one, change
+            yield signature, change

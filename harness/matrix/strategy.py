@@ -57,18 +57,20 @@ class Strategy:
         name, table, several = cls.reads
         if isinstance(plain, list):
             return cls(convert(plain, several))
-        made = cls([convert(plain, table if isinstance(plain, dict) else name)])
-        if not made.full and not made.names:
+        strategy = cls([convert(plain, table if isinstance(plain, dict) else name)])
+        if not strategy.full and not strategy.names:
             message = 'an empty table is no strategy; write "ways" or "baseline"'
             raise ValueError(message)
-        return made
+        return strategy
 
     def with_values(self, canonical: Callable[[str, str], str]) -> Strategy:
         """Return the strategy with canonical baseline values; `canonical` takes axis and value."""
-        made = Strategy(["full"] * self.full + ["boundaries"] * self.boundaries)
-        made.ways, made.names = self.ways, self.names
-        made.baselines = tuple({axis: canonical(axis, text) for axis, text in each.items()} for each in self.baselines)
-        return made
+        strategy = Strategy(["full"] * self.full + ["boundaries"] * self.boundaries)
+        strategy.ways, strategy.names = self.ways, self.names
+        strategy.baselines = tuple(
+            {axis: canonical(axis, text) for axis, text in each.items()} for each in self.baselines
+        )
+        return strategy
 
     @property
     def covering(self) -> int:

@@ -10,7 +10,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import InvalidVersion, Version
 
 from harness.matrix.matrix_types import Expansion, Matrix, RangeTable
-from harness.model.schema import load_json, load_toml, located
+from harness.model.schema import load_json, load_toml, locate_errors
 from harness.model.vocabulary import Instant, PackageName, Rule, version_text
 
 Breaks = Mapping[str, tuple[Version, ...]]
@@ -49,7 +49,7 @@ def expand(
     wanted = matrix.ranges
     axes = {name: expand_range(table, releases[name], breaks.get(name, ())) for name, table in wanted.items()}
     for name, versions in axes.items():
-        with located(matrix.path, "axes", name):
+        with locate_errors(matrix.path, "axes", name):
             if not versions:
                 message = f'the index has no release that "{wanted[name].range}" allows'
                 raise ValueError(message)
@@ -61,36 +61,36 @@ def expand_range(
 ) -> tuple[str, ...]:
     """Return a range's versions by its rule, oldest first, from (version, yanked) pairs; `breaks` are API breaks."""
     allowed = SpecifierSet(wanted.range)
-    found = sorted(
+    versions = sorted(
         version
         for version in _versions(releases, yanked=wanted.yanked)
         if allowed.contains(version, prereleases=wanted.prereleases)
     )
     match wanted.rule:
         case Rule.ALL:
-            kept = found
+            selection = versions
         case Rule.LATEST_PATCH:
-            kept = _latest_patches(found)
+            selection = _latest_patches(versions)
         case Rule.LATEST_MINOR:
-            kept = list({version.major: version for version in found}.values())
+            selection = list({version.major: version for version in versions}.values())
         case Rule.NEWEST:
-            kept = found[-1:]
+            selection = versions[-1:]
         case Rule.OLDEST_AND_NEWEST:
-            kept = found[:1] + found[1:][-1:]
+            selection = versions[:1] + versions[1:][-1:]
         case Rule.BOUNDARIES:
-            kept = boundaries(found, breaks)
-    return tuple(str(version) for version in kept)
+            selection = boundaries(versions, breaks)
+    return tuple(str(version) for version in selection)
 
 
 def boundaries(versions: Iterable[Version], breaks: Iterable[Version]) -> list[Version]:
     """Return each minor's newest patch, and for each break the last version before it and the first with it."""
-    known = sorted(versions)
-    kept = set(_latest_patches(known))
+    ascending = sorted(versions)
+    selection = set(_latest_patches(ascending))
     for broke in breaks:
-        before, since = [one for one in known if one < broke], [one for one in known if one >= broke]
+        before, since = [one for one in ascending if one < broke], [one for one in ascending if one >= broke]
         if before and since:
-            kept |= {before[-1], since[0]}
-    return sorted(kept)
+            selection |= {before[-1], since[0]}
+    return sorted(selection)
 
 
 def _latest_patches(ascending: Iterable[Version]) -> list[Version]:
@@ -99,11 +99,11 @@ def _latest_patches(ascending: Iterable[Version]) -> list[Version]:
 
 def read_breaks(text: str, path: str) -> dict[str, tuple[Version, ...]]:
     """Return the versions of each package that are known to have broken its API, oldest first."""
-    found: dict[str, list[Version]] = {}
-    for index, known in enumerate(load_toml(text, BreaksTable, path).breaks):
-        with located(path, "breaks", index, "version"):
-            found.setdefault(known.package, []).append(Version(version_text(known.version)))
-    return {package: tuple(sorted(versions)) for package, versions in found.items()}
+    by_package: dict[str, list[Version]] = {}
+    for index, entry in enumerate(load_toml(text, BreaksTable, path).breaks):
+        with locate_errors(path, "breaks", index, "version"):
+            by_package.setdefault(entry.package, []).append(Version(version_text(entry.version)))
+    return {package: tuple(sorted(versions)) for package, versions in by_package.items()}
 
 
 def _versions(releases: Iterable[tuple[str, bool]], *, yanked: bool) -> Iterator[Version]:

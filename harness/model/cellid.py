@@ -62,7 +62,7 @@ T = TypeVar("T", bound=Named)
 # --- built -----------------------------------------------------------------------------------------------------
 
 
-def built(matrix: str, parts: Iterable[str]) -> str:
+def build(matrix: str, parts: Iterable[str]) -> str:
     """Return the id of a cell of a matrix."""
     return f"{matrix}/{BETWEEN.join(parts)}"
 
@@ -77,22 +77,22 @@ def matrix(cell_id: str) -> str:
     return cell_id.partition("/")[0]
 
 
-def spelled(text: str) -> str:
+def spell(text: str) -> str:
     """Return a name or value as a part of a label may hold it."""
     return re.sub(r"[^A-Za-z0-9.+-]+", "-", text.replace(BETWEEN, "-"))
 
 
 def package(name: str, version: str) -> str:
     """Return the part of a package and its version, or `absent`."""
-    return f"{spelled(name)}-{spelled(version)}"
+    return f"{spell(name)}-{spell(version)}"
 
 
-def changed(cell_id: str, name: str, python: str | None = None) -> str:
+def build_changed(cell_id: str, name: str, python: str | None = None) -> str:
     """Return the id of a changed cell; `python` is the version that the change takes, where it takes one."""
-    said = spelled(name)
-    on = f"-on-py{python}" if python and said != f"py{python}" else ""
-    ending = f"{BETWEEN}{WITH}{said}{on}"
-    return f"{matrix(cell_id)}/{shortened(label(cell_id), LONGEST - len(ending))}{ending}"
+    slug = spell(name)
+    on = f"-on-py{python}" if python and slug != f"py{python}" else ""
+    ending = f"{BETWEEN}{WITH}{slug}{on}"
+    return f"{matrix(cell_id)}/{shorten(label(cell_id), LONGEST - len(ending))}{ending}"
 
 
 def of_changed(glob: str) -> bool:
@@ -100,7 +100,7 @@ def of_changed(glob: str) -> bool:
     return f"{BETWEEN}{WITH}" in glob or OLD_WITH in glob
 
 
-def shortened(text: str, longest: int = LONGEST) -> str:
+def shorten(text: str, longest: int = LONGEST) -> str:
     """Return a label of at most so many characters; two long ones that differ stay different."""
     if len(text) <= longest:
         return text
@@ -115,9 +115,9 @@ def digest(text: str) -> str:
 
 def folder(cell_id: str, *words: str) -> str:
     """Return the folder, below another, of what was asked of a cell: no two questions have the same one."""
-    name = BETWEEN.join(map(spelled, words))
+    name = BETWEEN.join(map(spell, words))
     exact = all(re.fullmatch(r"[A-Za-z0-9.+-]+", word) for word in words)
-    inner = shortened(name if exact else f"{name}-{digest(repr(words))}")
+    inner = shorten(name if exact else f"{name}-{digest(repr(words))}")
     return "/".join(filter(None, (re.sub(r"[^A-Za-z0-9._+-]", "-", matrix(cell_id)), label(cell_id), inner)))
 
 
@@ -143,23 +143,27 @@ def of_question(python: str, requirements: Iterable[Requirement], details: Itera
     `gymnasium[classic-control]==1.2.3` is spelled `gymnasium.classic-control-1.2.3`, `numpy>=1.24,<2` as
     `numpy-ge1.24.lt2`. What cannot be spelled is named by its word alone, and told apart by a digest at the end.
     """
-    asked: dict[str, list[Requirement]] = {}
+    by_name: dict[str, list[Requirement]] = {}
     for line in requirements:
-        asked.setdefault(_normal(line.name), []).append(line)
-    parts, opaque = [f"py{spelled(python)}"], []
-    for name in sorted(asked):
-        part, whole = _requirement(name, asked[name])
+        by_name.setdefault(_normal(line.name), []).append(line)
+    parts, opaque = [f"py{spell(python)}"], []
+    for name in sorted(by_name):
+        part, whole = _requirement(name, by_name[name])
         parts.append(part)
-        opaque += [] if whole else sorted(map(str, asked[name]))
-    for one in sorted(set(details)):
-        value = spelled(one.value)[:READABLE].strip("-")
-        parts.append(f"{MORE}{one.word}{f'-{value}' if value else ''}")
-        opaque += [repr(one)] if one.rest or not re.fullmatch(r"[a-z0-9.+-]*", one.value) or value != one.value else []
+        opaque += [] if whole else sorted(map(str, by_name[name]))
+    for detail in sorted(set(details)):
+        value = spell(detail.value)[:READABLE].strip("-")
+        parts.append(f"{MORE}{detail.word}{f'-{value}' if value else ''}")
+        opaque += (
+            [repr(detail)]
+            if detail.rest or not re.fullmatch(r"[a-z0-9.+-]*", detail.value) or value != detail.value
+            else []
+        )
     text = BETWEEN.join(dict.fromkeys(parts))
     if not opaque:
-        return shortened(text)
+        return shorten(text)
     mark = f"{BETWEEN}{MORE}{digest(repr(opaque))}"
-    return shortened(text, LONGEST - len(mark)) + mark
+    return shorten(text, LONGEST - len(mark)) + mark
 
 
 def requirement(word: str, line: Requirement) -> Detail:
@@ -179,7 +183,7 @@ def _requirement(name: str, lines: Sequence[Requirement]) -> tuple[str, bool]:
     first = bounds[0].removeprefix(OPERATORS["=="])
     if len(bounds) == 1 and VERSION.fullmatch(first):
         return f"{head}-{first}", plain
-    return f"{head}-{spelled('.'.join(bounds))}", plain and all(map(SPELLED.fullmatch, bounds))
+    return f"{head}-{spell('.'.join(bounds))}", plain and all(map(SPELLED.fullmatch, bounds))
 
 
 def _bound(operator: str, version: str) -> str:
@@ -193,8 +197,8 @@ def _bound(operator: str, version: str) -> str:
 
 
 def _by_version(bound: str) -> tuple[str, str]:
-    found = re.search(r"\d.*", bound)
-    return (re.sub(r"\d+", lambda number: number[0].zfill(8), found[0]) if found else "", bound)
+    digits = re.search(r"\d.*", bound)
+    return (re.sub(r"\d+", lambda number: number[0].zfill(8), digits[0]) if digits else "", bound)
 
 
 def _normal(name: str) -> str:
@@ -211,19 +215,21 @@ def fits(pattern: str, cell: Named) -> bool:
     )
 
 
-def named(text: str, cell: Named) -> bool:
+def has_name(text: str, cell: Named) -> bool:
     """Return whether a text is the id or the label of a cell, in the present form or the one before."""
     return text in {cell.id, label(cell.id)} or text in _older_names(cell)
 
 
-def chosen(pattern: str, cells: Sequence[T]) -> list[T]:
+def select(pattern: str, cells: Sequence[T]) -> list[T]:
     """Return the cells that an id or a label names, else those that a glob matches."""
     exact = [cell for cell in cells if pattern in {cell.id, label(cell.id)}]
-    return exact or [cell for cell in cells if named(pattern, cell)] or [cell for cell in cells if fits(pattern, cell)]
+    return (
+        exact or [cell for cell in cells if has_name(pattern, cell)] or [cell for cell in cells if fits(pattern, cell)]
+    )
 
 
 def _older_names(cell: Named) -> Iterator[str]:
-    before = older(cell)
+    before = to_old_form(cell)
     if before != cell.id:
         yield from (before, label(before))
 
@@ -231,7 +237,7 @@ def _older_names(cell: Named) -> Iterator[str]:
 # --- the form before -------------------------------------------------------------------------------------------
 
 
-def older(cell: Named) -> str:
+def to_old_form(cell: Named) -> str:
     """Return the id that earlier versions gave a cell."""
     return f"{matrix(cell.id)}/{_older(label(cell.id), tuple(cell.axes.items()))}"
 
@@ -259,7 +265,7 @@ def _renderings(axes: Iterable[tuple[str, str]]) -> Iterator[tuple[str, str]]:
         if name == PYTHON:
             yield f"py{value}", f"py{value}"
             continue
-        yield spelled(value), value
+        yield spell(value), value
         if value == ABSENT:
             yield package(name, value), f"{name}-{ABSENT}"
         elif value == NONE:
@@ -268,7 +274,7 @@ def _renderings(axes: Iterable[tuple[str, str]]) -> Iterator[tuple[str, str]]:
             yield package(name, value), f"{name}{value}"
 
 
-def newer(cell_id: str, axes: Mapping[str, str], python: str | None = None) -> str:
+def to_current_form(cell_id: str, axes: Mapping[str, str], python: str | None = None) -> str:
     """Return the id in the present form; `python` is that of a changed cell. One that is not understood stays.
 
     The axes may stand in any order, as a document has them.
@@ -278,17 +284,17 @@ def newer(cell_id: str, axes: Mapping[str, str], python: str | None = None) -> s
         return cell_id
     for body, tail in _bodies(text):
         if parts := _arranged(body, axes, "-", 1):
-            made = built(matrix(cell_id), parts)
+            new_id = build(matrix(cell_id), parts)
             on = python if python and VERSION.fullmatch(python) and python != axes.get(PYTHON) else None
-            return changed(made, tail, on) if tail else made
+            return build_changed(new_id, tail, on) if tail else new_id
     return cell_id
 
 
 def _bodies(text: str) -> Iterator[tuple[str, str]]:
     """Yield the label of the cell and the name of its change, for each place where one may begin."""
     yield text, ""
-    for found in re.finditer(OLD_WITH, text):
-        yield text[: found.start()], text[found.end() :]
+    for match in re.finditer(OLD_WITH, text):
+        yield text[: match.start()], text[match.end() :]
 
 
 def _arranged(text: str, axes: Mapping[str, str], joint: str, form: int) -> tuple[str, ...]:
@@ -313,18 +319,20 @@ def _arranged(text: str, axes: Mapping[str, str], joint: str, form: int) -> tupl
 
 def newer_left_out(cell_id: str, values: Mapping[str, Iterable[str]]) -> str:
     """Return the id, in the present form, of combinations left out; `values` are those of each axis, in their order."""
-    known = {name: {old: new for value in known for new, old in _renderings([(name, value)])} | {"*": "*"}
+    translations = {name: {old: new for value in known for new, old in _renderings([(name, value)])} | {"*": "*"}
              for name, known in values.items()}  # fmt: skip
     ranges = {name: r"py\d[\d.]*" if name == PYTHON else rf"{re.escape(name)}\d[^-]*" for name in values}
     text = label(cell_id)
     if BETWEEN in text and re.fullmatch(BETWEEN.join("(.+)" for _ in values), text):
         return cell_id
-    choices = ("|".join([*map(re.escape, sorted(known[name], key=len, reverse=True)), ranges[name]]) for name in values)
-    found = re.fullmatch("-".join(f"({each})" for each in choices), text)
-    if not found:
+    choices = (
+        "|".join([*map(re.escape, sorted(translations[name], key=len, reverse=True)), ranges[name]]) for name in values
+    )
+    match = re.fullmatch("-".join(f"({each})" for each in choices), text)
+    if not match:
         return cell_id
-    parts = zip(values, found.groups(), strict=True)
-    return built(matrix(cell_id), [known[name].get(part) or _unseen(name, part) for name, part in parts])
+    parts = zip(values, match.groups(), strict=True)
+    return build(matrix(cell_id), [translations[name].get(part) or _unseen(name, part) for name, part in parts])
 
 
 def _unseen(name: str, part: str) -> str:

@@ -52,7 +52,7 @@ def word(name: str) -> str:
     return name.replace("_", " ")
 
 
-def number(count: int, noun: str) -> str:
+def format_count(count: int, noun: str) -> str:
     """Return a count with its noun: `1 cell`, `2 cells`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 

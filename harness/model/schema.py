@@ -122,8 +122,8 @@ def json_schema(kind: type) -> dict[str, Any]:
             raise NotImplementedError(own)
         schemas, parts = msgspec.json.schema_components(own.reads, schema_hook=schema_of)
         components.update(parts)
-        found: dict[str, Any] = {"anyOf": list(schemas)} if len(schemas) > 1 else dict(schemas[0])
-        return {"description": str(own.__doc__).partition("\n\n")[0]} | found
+        body: dict[str, Any] = {"anyOf": list(schemas)} if len(schemas) > 1 else dict(schemas[0])
+        return {"description": str(own.__doc__).partition("\n\n")[0]} | body
 
     schema = msgspec.json.schema(kind, schema_hook=schema_of)
     defined = {**components, **schema.pop("$defs", {})}
@@ -161,7 +161,7 @@ def toml_value(value: str | bool | int | Sequence[Any]) -> str:
 
 
 @contextmanager
-def located(file: str, *segments: str | int) -> Iterator[None]:
+def locate_errors(file: str, *segments: str | int) -> Iterator[None]:
     """Turn a ValueError into BadInput that names the file and the key path."""
     try:
         yield
@@ -251,14 +251,14 @@ def _segments(error: str, plain: Any, kind: Any) -> list[str | int]:
 
     msgspec does not say which key of a mapping it met: it is the key that fails in the same way by itself.
     """
-    found: list[str | int] = []
+    path: list[str | int] = []
     for name, index, any_key in _SEGMENT.findall("".join(reversed(_PLACES.findall(error)))):
         if any_key:
-            keys = _at(plain, found)
-            found.append(next((key for key in keys if _fails_alike(error, plain, kind, [*found, key])), _ANY_KEY))
+            keys = _at(plain, path)
+            path.append(next((key for key in keys if _fails_alike(error, plain, kind, [*path, key])), _ANY_KEY))
         else:
-            found.append(name or int(index))
-    return found
+            path.append(name or int(index))
+    return path
 
 
 def _fails_alike(error: str, plain: Any, kind: Any, segments: Sequence[str | int]) -> bool:

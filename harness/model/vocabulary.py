@@ -380,11 +380,11 @@ def case_id(env: str | None, imports: Sequence[str]) -> str:
     """Return the id of a case that was given none: `ALE-Pong-v5` of `ALE/Pong-v5`, `import-mujoco` without an id."""
     if env is None:
         return f"import-{imports[0]}"
-    found = re.sub(r"[^A-Za-z0-9._+-]+", "-", env).strip("-.")
-    if not found:
+    slug = re.sub(r"[^A-Za-z0-9._+-]+", "-", env).strip("-.")
+    if not slug:
         message = f'"{env}" is not the id of an environment'
         raise ValueError(message)
-    return found
+    return slug
 
 
 def checks_of(names: Sequence[str]) -> tuple[str, ...]:
@@ -439,10 +439,10 @@ def _fits(pieces: Sequence[str], value: str) -> bool:
     *inner, last = rest
     place, end = len(first), len(value) - len(last)
     for piece in inner:
-        found = next((start for start in range(place, end - len(piece) + 1) if _at(piece, value, start)), None)
-        if found is None:
+        position = next((start for start in range(place, end - len(piece) + 1) if _at(piece, value, start)), None)
+        if position is None:
             return False
-        place = found + len(piece)
+        place = position + len(piece)
     return place <= end and _at(last, value, end)
 
 
@@ -455,14 +455,14 @@ def _specifiers(kind: Kind, pattern: str) -> SpecifierSet:
     exact = re.fullmatch(r"\d[^,\s]*", pattern)
     minor = kind is Kind.PYTHON and re.fullmatch(r"\d+\.\d+", pattern)
     try:
-        found = requirement_texts.specifiers(f"=={pattern}{'.*' if minor else ''}" if exact else pattern)
+        specifiers = requirement_texts.specifiers(f"=={pattern}{'.*' if minor else ''}" if exact else pattern)
     except InvalidSpecifier:
-        found = SpecifierSet()
-    if not found:
+        specifiers = SpecifierSet()
+    if not specifiers:
         short = pattern if len(pattern) <= LONGEST_QUOTE else f"{pattern[:LONGEST_QUOTE]}..."
         message = f'"{short}" is neither a version nor a specifier such as ">=1.0,<2"'
         raise ValueError(message)
-    return found
+    return specifiers
 
 
 CHANGING = re.compile(r"\bline \d+|\d+(?:\.\d+)+")
@@ -483,5 +483,7 @@ def settings(supplied: Mapping[str, str], installed: Iterable[str]) -> tuple[str
     """Return what of the supplied variables matters to the packages that are there: `NAME=value` of each."""
     there = {*installed}
     return tuple(
-        f"{name}={value}" for name, value in supplied.items() if (known := readers(name)) is None or there & {*known}
+        f"{name}={value}"
+        for name, value in supplied.items()
+        if (packages := readers(name)) is None or there & {*packages}
     )

@@ -31,7 +31,7 @@ LONGEST = 2000
 
 DEEPEST = 8
 NOTHING: Mapping[str, Any] = MappingProxyType({})
-SAID = re.compile(rf"(?:{VIOLATION}|[a-z]+(?:\.[a-z_0-9]+)+): (.*[^…])")
+CHECK_LINE = re.compile(rf"(?:{VIOLATION}|[a-z]+(?:\.[a-z_0-9]+)+): (.*[^…])")
 """A decisive line by which a check of ours says why, and a finding that a case requires not to be there."""
 
 FEWEST = 8
@@ -76,13 +76,13 @@ def split(template: str) -> tuple[tuple[str, str, str], ...]:
 
 def sentence(observed: Observed) -> str:
     """Return an observation in words. One of an unknown code, or that lacks data, is written as it came."""
-    return bounded(_sentence(observed.code, values(observed), 0))
+    return truncate(_sentence(observed.code, values(observed), 0))
 
 
 def in_words(plain: object) -> str | None:
     """Return the sentence of an observation as a cell writes it; None of anything else."""
-    found = parsed(plain)
-    return bounded(_sentence(*found, 0)) if found else None
+    observation = parse(plain)
+    return truncate(_sentence(*observation, 0)) if observation else None
 
 
 def values(observed: Observed) -> dict[str, Any]:
@@ -95,18 +95,18 @@ def _values(data: Mapping[str, Any], got: Any, promised: Any) -> dict[str, Any]:
     return {**data, **{name: value for name, value in named.items() if value is not None}}
 
 
-def _sentence(code: str, said: Mapping[str, Any], depth: int) -> str:
+def _sentence(code: str, data: Mapping[str, Any], depth: int) -> str:
     template = templates().get(code)
-    text = _filled(template, said, depth) if template is not None else None
-    return text if text is not None else f"{code}: {json.dumps(said, default=str)}"
+    text = _filled(template, data, depth) if template is not None else None
+    return text if text is not None else f"{code}: {json.dumps(data, default=str)}"
 
 
-def _filled(template: str, said: Mapping[str, Any], depth: int) -> str | None:
+def _filled(template: str, data: Mapping[str, Any], depth: int) -> str | None:
     """Return a template with its fields filled; None where one is missing."""
     parts = split(template)
-    if depth > DEEPEST or not {name for _, name, _ in parts if name} <= said.keys():
+    if depth > DEEPEST or not {name for _, name, _ in parts if name} <= data.keys():
         return None
-    return "".join(text + (_shown(name, form, said[name], depth) if name else "") for text, name, form in parts)
+    return "".join(text + (_shown(name, form, data[name], depth) if name else "") for text, name, form in parts)
 
 
 def _shown(name: str, form: str, value: Any, depth: int) -> str:
@@ -126,14 +126,14 @@ def _key(name: str, form: str) -> str:
 
 def _nested(name: str, plain: Mapping[str, Any], depth: int) -> str:
     """Return an observation within another, as an exception where the field is one."""
-    inner = parsed(plain)
+    inner = parse(plain)
     if inner is None:
         return json.dumps(plain, default=str)
-    code, said = inner
-    return (f"{VIOLATION}: " if name == RAISED else "") + _sentence(code, said, depth + 1)
+    code, data = inner
+    return (f"{VIOLATION}: " if name == RAISED else "") + _sentence(code, data, depth + 1)
 
 
-def parsed(plain: object) -> tuple[str, dict[str, Any]] | None:
+def parse(plain: object) -> tuple[str, dict[str, Any]] | None:
     """Return code and values of an observation as a cell writes it; None of anything else."""
     if not isinstance(plain, Mapping) or not isinstance(plain.get("code"), str):
         return None
@@ -142,7 +142,7 @@ def parsed(plain: object) -> tuple[str, dict[str, Any]] | None:
     return plain["code"], _values(named, plain.get("got"), plain.get("promised"))
 
 
-def bounded(text: str) -> str:
+def truncate(text: str) -> str:
     """Return a text of at most `LONGEST` characters: its beginning and its end, where the news is."""
     if len(text) <= LONGEST:
         return text
@@ -153,23 +153,23 @@ def bounded(text: str) -> str:
 # --- looking for observations ----------------------------------------------------------------------------------
 
 
-def met(code: str, wanted: Mapping[str, Any], observed: Observed) -> bool:
+def contains(code: str, wanted: Mapping[str, Any], observed: Observed) -> bool:
     """Tell whether an observation, or one within it, has this code and data that meet these conditions."""
     return any(name == code and _fits(wanted, said) for name, said in _all(observed))
 
 
 def _all(observed: Observed) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield code and values of an observation and of those within it."""
-    found: tuple[str, Mapping[str, Any]] | None = (observed.code, values(observed))
+    observation: tuple[str, Mapping[str, Any]] | None = (observed.code, values(observed))
     for _ in range(DEEPEST):
-        if found is None:
+        if observation is None:
             break
-        yield found
-        found = next((inner for value in found[1].values() if (inner := parsed(value))), None)
+        yield observation
+        observation = next((inner for value in observation[1].values() if (inner := parse(value))), None)
 
 
-def _fits(wanted: Mapping[str, Any], said: Mapping[str, Any]) -> bool:
-    return all(name in said and _meets(condition, said[name]) for name, condition in wanted.items())
+def _fits(wanted: Mapping[str, Any], data: Mapping[str, Any]) -> bool:
+    return all(name in data and _meets(condition, data[name]) for name, condition in wanted.items())
 
 
 def _meets(condition: Any, value: Any) -> bool:
@@ -189,8 +189,8 @@ def wording(code: str) -> str:
 
 def sentence_pattern(code: str, wanted: Mapping[str, Any]) -> str:
     """Return a regular expression for the sentences of a code whose data meet conditions. Raises KeyError."""
-    found = _expression(templates()[code], wanted)
-    return found.removeprefix(ANY).removesuffix(ANY)
+    expression = _expression(templates()[code], wanted)
+    return expression.removeprefix(ANY).removesuffix(ANY)
 
 
 def _expression(template: str, wanted: Mapping[str, Any]) -> str:
@@ -208,14 +208,16 @@ def _field(name: str, form: str, condition: Any) -> str:
     return f"(?:{condition})" if isinstance(condition, str) else escaped(_shown(name, form, condition, 0))
 
 
-def recognised(line: str) -> tuple[str, dict[str, str]] | None:
+def recognise(line: str) -> tuple[str, dict[str, str]] | None:
     """Return the code of the sentence that a decisive line is, and conditions for its data; None of a library's line.
 
     The template that has most of the text is meant; what is cut is no whole sentence.
     """
-    said = SAID.fullmatch(line)
-    found = ((code, re.fullmatch(_groups(template), said[1])) for code, template in templates().items() if said)
-    fitting = {code: match for code, match in found if match and _literals(code) >= FEWEST}
+    line_match = CHECK_LINE.fullmatch(line)
+    matches = (
+        (code, re.fullmatch(_groups(template), line_match[1])) for code, template in templates().items() if line_match
+    )
+    fitting = {code: match for code, match in matches if match and _literals(code) >= FEWEST}
     code = max(fitting, key=_literals, default=None)
     return (code, {name: escaped(text) for name, text in fitting[code].groupdict().items()}) if code else None
 

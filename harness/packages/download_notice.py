@@ -14,13 +14,13 @@ MUCH = 500_000_000
 TIMEOUT = 5.0
 
 
-def announce(artifacts: Iterable[Artifact], known: frozenset[str]) -> None:
-    """Tell the user of a large download; `known` are hashes of files that are here already."""
-    wanted = [one for one in artifacts if one.sha256 not in known and "://" in one.source and not _is_file(one)]
+def announce(artifacts: Iterable[Artifact], cached_hashes: frozenset[str]) -> None:
+    """Tell the user of a large download; `cached_hashes` are hashes of files that are here already."""
+    wanted = [one for one in artifacts if one.sha256 not in cached_hashes and "://" in one.source and not _is_file(one)]
     with ThreadPoolExecutor(8) as pool:
         sizes = dict(zip(wanted, pool.map(_size, wanted), strict=True))
     if sum(sizes.values()) > MUCH:
-        largest = max(sizes, key=lambda one: sizes[one])
+        largest = max(sizes, key=lambda artifact: sizes[artifact])
         logging.getLogger("harness").warning(
             "about to download %.1f GB (%s alone %.1f GB)",
             sum(sizes.values()) / 1e9,

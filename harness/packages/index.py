@@ -124,15 +124,15 @@ def _listed(client: _Client, places: UserIndex, name: str) -> list[_File]:
     """Return all files of a package. Raises UnknownPackage if no place has the package."""
     linked = (file for link in places.find_links for file in client.linked(link))
     files = [replace(file, linked=True) for file in linked if _version(file.name, name) is not None]
-    known = bool(files)
+    package_exists = bool(files)
     for address in () if places.no_index else (*places.extra, places.default):
         page = client.project(address, name)
         if page is not None:
-            known = True
+            package_exists = True
             files += page
             if places.strategy == "first-index":
                 break
-    if not known:
+    if not package_exists:
         message = f"none of the package indexes and find-links places asked has a package '{name}'; check the name"
         raise UnknownPackage(message)
     return files
@@ -374,11 +374,11 @@ def _from_html(content: bytes, address: str) -> list[_File]:
 
 def _check(path: Path, artifact: Artifact) -> None:
     with path.open("rb") as file:
-        found = hashlib.file_digest(file, "sha256").hexdigest()
-    if found != artifact.sha256:
+        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    if sha256 != artifact.sha256:
         message = (
             f"{artifact.filename} from {_shown(artifact.source)} is not the file that the lock names: "
-            f"its SHA-256 is {found}, not {artifact.sha256}; try again, or lock anew"
+            f"its SHA-256 is {sha256}, not {artifact.sha256}; try again, or lock anew"
         )
         raise IndexUnreachable(message)
 

@@ -34,10 +34,10 @@ def read(pylock: Mapping[str, Any], interpreter: Interpreter, instant: str) -> L
 
     The hashes of a pin are those of all wheels that fit this interpreter here, or of the sdist where none does.
     """
-    return assembled((_pin(package, interpreter) for package in pylock.get("packages", ())), instant)
+    return assemble((_pin(package, interpreter) for package in pylock.get("packages", ())), instant)
 
 
-def assembled(pins: Iterable[Pin], instant: str) -> Lock:
+def assemble(pins: Iterable[Pin], instant: str) -> Lock:
     """Make a lock of pins; a file without an upload time counts as escaped, since no cutoff applied to it."""
     ordered = tuple(sorted(pins, key=lambda pin: pin.name))
     text = "".join(_requirement(pin) for pin in ordered)
@@ -50,25 +50,25 @@ def assembled(pins: Iterable[Pin], instant: str) -> Lock:
     )
 
 
-def pinned(requirements: str) -> dict[str, tuple[str, tuple[str, ...]]]:
+def read_pins(requirements: str) -> dict[str, tuple[str, tuple[str, ...]]]:
     """Read a lock's own requirements: name to version and hashes. Raises BadInput for any other text."""
-    found = {match["name"]: (match["version"], _hashes(match["hashes"])) for match in PINNED.finditer(requirements)}
+    pins = {match["name"]: (match["version"], _hashes(match["hashes"])) for match in PINNED.finditer(requirements)}
     left = PINNED.sub("", requirements).strip()
     if left:
         message = f"not a lock of this harness: `{left.splitlines()[0]}` is no `name==version --hash=sha256:...`"
         raise BadInput(message)
-    return found
+    return pins
 
 
-def restored(pylock: Mapping[str, Any], requirements: str, interpreter: Interpreter, instant: str) -> Lock:
+def restore(pylock: Mapping[str, Any], requirements: str, interpreter: Interpreter, instant: str) -> Lock:
     """Find the files of a lock among those that a resolution offers. Raises CouldNotTell where one is not offered."""
-    kept = pinned(requirements)
+    pins_by_name = read_pins(requirements)
     packages = {str(canonicalize_name(package["name"])): package for package in pylock.get("packages", ())}
-    pins = [_kept(packages.get(name), name, *kept[name], interpreter) for name in kept]
-    return assembled(pins, instant)
+    pins = [_restore_pin(packages.get(name), name, *pins_by_name[name], interpreter) for name in pins_by_name]
+    return assemble(pins, instant)
 
 
-def to_install(wheels: Iterable[tuple[str, str, Artifact]]) -> str:
+def format_pylock(wheels: Iterable[tuple[str, str, Artifact]]) -> str:
     """Write a pylock from which uv installs exactly these wheels (name, version, file) without asking an index."""
 
     packages: list[dict[str, Any]] = []
@@ -80,7 +80,7 @@ def to_install(wheels: Iterable[tuple[str, str, Artifact]]) -> str:
     return dumps({"lock-version": "1.0", "created-by": "simmatrix", "packages": packages})
 
 
-def to_keep(wheels: Iterable[Artifact]) -> str:
+def format_uv_settings(wheels: Iterable[Artifact]) -> str:
     """Write a `uv.toml` that makes uv keep the wheels it has for good, whatever the index says of caching files.
 
     Without it, uv asks an index that says nothing of caching for the whole file again for each environment (measured:
@@ -120,10 +120,10 @@ def tags(interpreter: Interpreter) -> Mapping[Tag, int]:
 
 def rank(filename: str, interpreter: Interpreter) -> tuple[int, tuple[int, str]]:
     """Return a sort key for wheels of one version, as installers order them: best tag, then higher build number."""
-    known = tags(interpreter)
+    ranks = tags(interpreter)
     _, _, build, wheel_tags = parse_wheel_filename(filename)
     number, suffix = build or (0, "")
-    return min(known.get(tag, UNRANKED) for tag in wheel_tags), (-number, suffix)
+    return min(ranks.get(tag, UNRANKED) for tag in wheel_tags), (-number, suffix)
 
 
 def unmet(requires: Iterable[str], lock: Lock, interpreter: Interpreter, overrides: Iterable[str]) -> str | None:
@@ -163,7 +163,7 @@ def marker_environment(interpreter: Interpreter) -> dict[str, str]:
 def _pin(package: Mapping[str, Any], interpreter: Interpreter) -> Pin:
     name, version = canonicalize_name(str(package["name"])), str(package.get("version", ""))
     offered = list(_offered(package))
-    wheels = sorted((one for one in offered if one.is_wheel), key=lambda one: rank(one.filename, interpreter))
+    wheels = sorted((one for one in offered if one.is_wheel), key=lambda artifact: rank(artifact.filename, interpreter))
     taken = wheels or offered
     if not taken or not version:
         message = (
@@ -174,14 +174,16 @@ def _pin(package: Mapping[str, Any], interpreter: Interpreter) -> Pin:
     return Pin(name=name, version=version, artifact=taken[0], hashes=tuple(sorted({one.sha256 for one in taken})))
 
 
-def _kept(
+def _restore_pin(
     package: Mapping[str, Any] | None, name: str, version: str, hashes: tuple[str, ...], interpreter: Interpreter
 ) -> Pin:
     offered = [one for one in _offered(package or {}) if one.sha256 in hashes]
     if not offered:
         message = f"no index or find-links place that was asked has {name} {version} with a hash of the lock; lock anew"
         raise CouldNotTell(message)
-    offered.sort(key=lambda one: rank(one.filename, interpreter) if one.is_wheel else (UNRANKED + 1, (0, "")))
+    offered.sort(
+        key=lambda artifact: rank(artifact.filename, interpreter) if artifact.is_wheel else (UNRANKED + 1, (0, ""))
+    )
     return Pin(name=name, version=version, artifact=offered[0], hashes=hashes)
 
 

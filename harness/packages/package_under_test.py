@@ -53,7 +53,7 @@ TESTS = frozenset({"test", "tests"})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Ready:
+class SubjectWheel:
     """The subject's wheel for one interpreter, with its metadata; `groups` is the table in its pyproject.toml.
 
     `asked` remembers the requirements worked out for earlier cells.
@@ -76,7 +76,7 @@ class Ready:
         )
 
 
-def located(source: str, folder: Path) -> str:
+def locate_source(source: str, folder: Path) -> str:
     """Return the source in a form that is found from anywhere; a path starts at the project of the matrix file.
 
     The project is the nearest folder, from the file's own upwards, that holds a pyproject.toml, setup.py or setup.cfg;
@@ -96,7 +96,7 @@ def about(subject: Subject) -> project.About | None:
     return _about(subject)
 
 
-def settled(subject: Subject, *, offline: bool = False) -> Subject:
+def record_state(subject: Subject, *, offline: bool = False) -> Subject:
     """Return the subject with the present state of its source. Raises BadInput if there is no usable source."""
     path = Path(subject.source)
     if subject.source.startswith(checkouts.REPOSITORY):
@@ -114,7 +114,7 @@ def settled(subject: Subject, *, offline: bool = False) -> Subject:
     return replace(subject, state=state.mark, commit=state.commit, changed=state.changed)
 
 
-def copied(subject: Subject, target: Path) -> Path:
+def copy_source(subject: Subject, target: Path) -> Path:
     """Make a clean copy of the source below a folder; return where the project lies in it.
 
     Raises CouldNotTell if the source has changed since the subject was settled: a wheel made of the copy would be kept
@@ -136,7 +136,7 @@ def copied(subject: Subject, target: Path) -> Path:
 # --- its wheel -------------------------------------------------------------------------------------------------
 
 
-def kept(subject: Subject, interpreter: Interpreter, question: Question) -> Ready | Step | None:
+def find_wheel(subject: Subject, interpreter: Interpreter, question: Question) -> SubjectWheel | Step | None:
     """Return the wheel of a settled subject if it was built before, or a step if the subject excludes this Python."""
     if subject.source.endswith(WHEEL):
         return _read(Path(subject.source), interpreter, {})
@@ -145,26 +145,28 @@ def kept(subject: Subject, interpreter: Interpreter, question: Question) -> Read
     if refused:
         return refused
     memories = _memories(subject, interpreter, question)
-    found = next((built for path in memories if (built := builds.remembered(path))), None)
-    return _read(found.path, interpreter, about.groups) if found else None
+    build = next((built for path in memories if (built := builds.recall_wheel(path))), None)
+    return _read(build.path, interpreter, about.groups) if build else None
 
 
-def ready(subject: Subject, interpreter: Interpreter, question: Question, *, offline: bool = False) -> Ready | Step:
+def ensure_wheel(
+    subject: Subject, interpreter: Interpreter, question: Question, *, offline: bool = False
+) -> SubjectWheel | Step:
     """Return the wheel of a settled subject for an interpreter, built now or before, or the step that failed.
 
     A wheel that says to be for any Python is built once, by the first that needs it.
     """
     for_any, for_this = _memories(subject, interpreter, question)
     with exclusive(for_any.with_suffix(".lock")):
-        known = kept(subject, interpreter, question)  # it may have been built while we waited
-        if known:
-            return known
+        result = find_wheel(subject, interpreter, question)  # it may have been built while we waited
+        if result:
+            return result
         about = _about(subject)
-        made = _built(subject, about.name, interpreter, question, offline=offline)
-        if isinstance(made, Step):
-            return made
-        write_atomic(for_any if made.path.stem.endswith(PURE) else for_this, made.key.encode())
-    return _read(made.path, interpreter, about.groups)
+        build = _built(subject, about.name, interpreter, question, offline=offline)
+        if isinstance(build, Step):
+            return build
+        write_atomic(for_any if build.path.stem.endswith(PURE) else for_this, build.key.encode())
+    return _read(build.path, interpreter, about.groups)
 
 
 def _about(subject: Subject) -> project.About:
@@ -182,14 +184,16 @@ def _memories(subject: Subject, interpreter: Interpreter, question: Question) ->
 def _built(
     subject: Subject, name: str, interpreter: Interpreter, question: Question, *, offline: bool
 ) -> builds.Built | Step:
-    def provide(lock: Lock, asked: Question, chain: tuple[str, ...]) -> environments.Environment | Step:
-        return environments.ensure(lock, interpreter, asked, offline=offline, chain=chain)
+    def provide(lock: Lock, build_question: Question, chain: tuple[str, ...]) -> environments.Environment | Step:
+        return environments.ensure(lock, interpreter, build_question, offline=offline, chain=chain)
 
-    tree = builds.Tree(name=name or UNNAMED, mark=subject.state or "", unpack=lambda target: copied(subject, target))
+    tree = builds.Tree(
+        name=name or UNNAMED, mark=subject.state or "", unpack=lambda target: copy_source(subject, target)
+    )
     return builds.build_tree(tree, interpreter, question, provide, offline=offline)
 
 
-def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> Ready | Step:
+def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> SubjectWheel | Step:
     try:
         with understanding():
             name, version, _, tags = parse_wheel_filename(path.name)
@@ -206,7 +210,7 @@ def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> Re
         return refused
     files = [Path(line.partition(",")[0]) for line in record]
     tops = {file.parts[0].partition(".")[0] for file in files if file.suffix in {".py", ".so"}}
-    return Ready(
+    return SubjectWheel(
         path=path,
         tested=Tested(
             name=name,
@@ -222,25 +226,25 @@ def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> Re
 
 
 def _inside(archive: zipfile.ZipFile, name: str) -> str:
-    found = [entry for entry in archive.namelist() if entry.endswith(f".dist-info/{name}") and entry.count("/") == 1]
-    if not found:
+    matches = [entry for entry in archive.namelist() if entry.endswith(f".dist-info/{name}") and entry.count("/") == 1]
+    if not matches:
         message = f"it holds no {name}"
         raise KeyError(message)
-    return found[0]
+    return matches[0]
 
 
 def _headers(archive: zipfile.ZipFile, name: str) -> Message:
     return HeaderParser().parsestr(archive.read(_inside(archive, name)).decode("utf-8", "replace"))
 
 
-def _python_refused(named: str, asked: str, interpreter: Interpreter) -> Step | None:
+def _python_refused(named: str, requires_python: str, interpreter: Interpreter) -> Step | None:
     try:
-        allowed = SpecifierSet(asked)
+        allowed = SpecifierSet(requires_python)
     except InvalidSpecifier:
         return None
     if allowed.contains(interpreter.version, prereleases=True):
         return None
-    return _failed(Phase.RESOLVE, f"{named} requires Python {asked}, and this is {interpreter.version}")
+    return _failed(Phase.RESOLVE, f"{named} requires Python {requires_python}, and this is {interpreter.version}")
 
 
 def _failed(phase: Phase, decisive: str) -> Step:
@@ -255,19 +259,21 @@ def _sha256(path: Path) -> str:
 # --- what it asks for ------------------------------------------------------------------------------------------
 
 
-def completed(asked: Question, subject: Subject, known: Ready, interpreter: Interpreter) -> Question:
+def complete_question(
+    question: Question, subject: Subject, package: SubjectWheel, interpreter: Interpreter
+) -> Question:
     """Return the question of a cell: the subject's dependencies besides the requirements of the matrix.
 
     The subject itself is kept out of the lock. Raises BadInput for an extra or a group that the subject does not have,
     or where the matrix asks for it by name.
     """
-    name = known.tested.name
-    refuse_naming(name, (*asked.requirements, *asked.overrides), "`extras`")
-    lines = wanted(known, interpreter, subject.extras, subject.groups)
+    name = package.tested.name
+    refuse_naming(name, (*question.requirements, *question.overrides), "`extras`")
+    lines = list_requirements(package, interpreter, subject.extras, subject.groups)
     return replace(
-        asked,
-        requirements=tuple(dict.fromkeys((*lines, *asked.requirements))),
-        overrides=(*asked.overrides, f"{name} ; {NEVER}"),
+        question,
+        requirements=tuple(dict.fromkeys((*lines, *question.requirements))),
+        overrides=(*question.overrides, f"{name} ; {NEVER}"),
     )
 
 
@@ -280,33 +286,38 @@ def refuse_naming(name: str, lines: Iterable[str], instead: str) -> None:
         raise BadInput(message)
 
 
-def wanted(known: Ready, interpreter: Interpreter, extras: tuple[str, ...], groups: tuple[str, ...]) -> tuple[str, ...]:
+def list_requirements(
+    package: SubjectWheel, interpreter: Interpreter, extras: tuple[str, ...], groups: tuple[str, ...]
+) -> tuple[str, ...]:
     """Return the subject's requirements with some of its extras and groups, as they apply to an interpreter."""
     key = (interpreter, extras, groups)
-    if key not in known.asked:
-        for what, names, valid in (("extra", extras, known.extras), ("dependency group", groups, _group_names(known))):
+    if key not in package.asked:
+        for what, names, valid in (
+            ("extra", extras, package.extras),
+            ("dependency group", groups, _group_names(package)),
+        ):
             unknown = next((one for one in names if one not in valid), None)
             if unknown:
-                message = f'{known.tested.name} has no {what} "{unknown}"{schema.suggestion(unknown, valid)}'
+                message = f'{package.tested.name} has no {what} "{unknown}"{schema.suggestion(unknown, valid)}'
                 raise BadInput(message)
-        known.asked[key] = tuple(_expanded(known, interpreter, extras, groups))
-    return known.asked[key]
+        package.asked[key] = tuple(_expanded(package, interpreter, extras, groups))
+    return package.asked[key]
 
 
 def _expanded(
-    known: Ready, interpreter: Interpreter, extras: tuple[str, ...], groups: tuple[str, ...]
+    package: SubjectWheel, interpreter: Interpreter, extras: tuple[str, ...], groups: tuple[str, ...]
 ) -> dict[str, None]:
     """Return the lines that apply, repeating until no further extra of the package itself comes with them."""
-    lines = (*known.requires, *_grouped(known, groups))
+    lines = (*package.requires, *_grouped(package, groups))
     environment = locks.marker_environment(interpreter)
     chosen = list(dict.fromkeys(extras))
-    found: dict[str, None] = {}
+    requirements: dict[str, None] = {}
     done = -1
     while done != len(chosen):
         done = len(chosen)
         for line in lines:
-            found |= dict.fromkeys(_holding(line, known.tested.name, environment, chosen))
-    return found
+            requirements |= dict.fromkeys(_holding(line, package.tested.name, environment, chosen))
+    return requirements
 
 
 def _holding(line: str, name: str, environment: Mapping[str, str], chosen: list[str]) -> Iterator[str]:
@@ -326,13 +337,13 @@ def _holding(line: str, name: str, environment: Mapping[str, str], chosen: list[
     yield str(requirement)
 
 
-def _group_names(known: Ready) -> tuple[str, ...]:
-    return tuple(canonicalize_name(name) for name in known.groups)
+def _group_names(package: SubjectWheel) -> tuple[str, ...]:
+    return tuple(canonicalize_name(name) for name in package.groups)
 
 
-def _grouped(known: Ready, groups: Iterable[str]) -> tuple[str, ...]:
+def _grouped(package: SubjectWheel, groups: Iterable[str]) -> tuple[str, ...]:
     try:
-        return resolve_dependency_groups(known.groups, *groups)
+        return resolve_dependency_groups(package.groups, *groups)
     except ExceptionGroup as error:
-        message = f"the dependency groups of {known.tested.name}: {str(error.exceptions[0]).splitlines()[0]}"
+        message = f"the dependency groups of {package.tested.name}: {str(error.exceptions[0]).splitlines()[0]}"
         raise BadInput(message) from None

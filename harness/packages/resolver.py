@@ -78,7 +78,7 @@ def restore(
 
     Of the question, the index settings, builds and torch backend count. Raises BadInput for a text that is no lock.
     """
-    pins = locks.pinned(requirements)
+    pins = locks.read_pins(requirements)
     exact = replace(
         question,
         requirements=tuple(f"{name}=={version}" for name, (version, _) in pins.items()),
@@ -102,7 +102,7 @@ def restore(
             return answer
         _keep(scratch / "pylock.toml", folder)
         try:
-            return locks.restored(_pylock(scratch), requirements, interpreter, question.snapshot or "")
+            return locks.restore(_pylock(scratch), requirements, interpreter, question.snapshot or "")
         except CouldNotTell as error:
             return Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=str(error))
 
@@ -119,16 +119,16 @@ def _answer(asking: _Asking) -> Lock | Step:
 
 def _attempt(asking: _Asking) -> Lock | Step:
     """Ask uv once; if it looked into an sdist, ask again in a cache that belongs to the build inputs."""
-    said = _compile(asking, uv_command.shared_cache())
-    answer = _read(said, asking)
+    result = _compile(asking, uv_command.shared_cache())
+    answer = _read(result, asking)
     has_source = isinstance(answer, Lock) and not all(pin.artifact.is_wheel for pin in answer.pins)
     in_doubt = isinstance(answer, Lock) or answer.outcome is not Outcome.INFRA
-    if has_source or (in_doubt and uv_failures.met_source(said.text)):
+    if has_source or (in_doubt and uv_failures.met_source(result.text)):
         answer = _read(_compile(asking, _build_cache(asking)), asking)
     return answer
 
 
-def _compile(asking: _Asking, cache: Path) -> uv_command.Said:
+def _compile(asking: _Asking, cache: Path) -> uv_command.Result:
     question = asking.question
     output = asking.scratch / "pylock.toml"
     output.unlink(missing_ok=True)
@@ -166,29 +166,29 @@ def _options(asking: _Asking) -> Iterator[str]:
     yield from asking.options
 
 
-def _read(said: uv_command.Said, asking: _Asking) -> Lock | Step:
-    kept = uv_command.keep_log(said, asking.folder / "uv.log")
-    trouble = said.trouble or uv_failures.unreadable(said.text)
+def _read(result: uv_command.Result, asking: _Asking) -> Lock | Step:
+    log = uv_command.keep_log(result, asking.folder / "uv.log")
+    trouble = result.trouble or uv_failures.unreadable(result.text)
     if trouble:
-        return Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=trouble, log=kept)
-    if not said.ok:
-        return replace(_failure(said, asking), log=kept)
+        return Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=trouble, log=log)
+    if not result.ok:
+        return replace(_failure(result, asking), log=log)
     try:
         return locks.read(_pylock(asking.scratch), asking.interpreter, asking.question.snapshot or "")
     except CouldNotTell as error:
-        return Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=str(error), log=kept)
+        return Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=str(error), log=log)
 
 
-def _failure(said: uv_command.Said, asking: _Asking) -> Step:
+def _failure(result: uv_command.Result, asking: _Asking) -> Step:
     """Return the step for uv's failure. An index that lists no file of a package (a login page, say) is no verdict.
 
     Nor is a failure offline: uv does not always say that it looked only into its caches.
     """
-    step = uv_failures.failure(said.text, Phase.RESOLVE)
+    step = uv_failures.failure(result.text, Phase.RESOLVE)
     if step.outcome is Outcome.FAILED and asking.offline and _is_remote(asking.question.index):
-        told = f"offline, what the caches hold does not tell; run without --offline: {step.decisive}"
-        return replace(step, outcome=Outcome.INFRA, decisive=told)
-    name = uv_failures.unlisted(said.text)
+        decisive = f"offline, what the caches hold does not tell; run without --offline: {step.decisive}"
+        return replace(step, outcome=Outcome.INFRA, decisive=decisive)
+    name = uv_failures.unlisted(result.text)
     if step.outcome is not Outcome.FAILED or name is None or asking.offline:
         return step
     try:
@@ -257,14 +257,14 @@ def _cpu_build(gpu: Lock, asking: _Asking) -> Lock | Step:
 
 def _found_builds(asking: _Asking) -> list[Version]:
     """Return the CPU builds of torch in find-links folders that fit the interpreter, newest first."""
-    known = locks.tags(asking.interpreter)
-    found = set()
+    supported_tags = locks.tags(asking.interpreter)
+    versions = set()
     for folder in map(Path, index_settings.combined(asking.question.index).find_links):
         for path in folder.glob("torch-*+cpu*.whl"):
             _, version, _, tags = parse_wheel_filename(path.name)
-            if any(tag in known for tag in tags):
-                found.add(version)
-    return sorted(found, reverse=True)
+            if any(tag in supported_tags for tag in tags):
+                versions.add(version)
+    return sorted(versions, reverse=True)
 
 
 # --- packages that are to be absent ----------------------------------------------------------------------------

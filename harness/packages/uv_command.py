@@ -48,7 +48,7 @@ class Call:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Said:
+class Result:
     """The result of a uv command: its output (no paths of this machine), and `trouble` if uv did not end by itself."""
 
     ok: bool
@@ -70,24 +70,24 @@ def scratch() -> Iterator[Path]:
         yield folder
 
 
-def compile_lock(call: Call, interpreter: Interpreter, arguments: Iterable[str], output: Path) -> Said:
+def compile_lock(call: Call, interpreter: Interpreter, arguments: Iterable[str], output: Path) -> Result:
     """Resolve for an interpreter; uv logs to its output when it looks into an sdist, or cannot read a file."""
     use(call.cache)
-    asked = index_settings.combined(call.index)
-    no_index = ("--no-index",) if asked.no_index else ()
+    user_index = index_settings.combined(call.index)
+    no_index = ("--no-index",) if user_index.no_index else ()
     options = ("--python", interpreter.path, "--no-header", "--output-file", str(output), *no_index)
     variables = {"RUST_LOG": "uv_distribution=debug,uv_resolver=warn"}
-    if links := ",".join(_existing(asked.find_links, call.index)):
+    if links := ",".join(_existing(user_index.find_links, call.index)):
         variables["UV_FIND_LINKS"] = links
     return _run(call, ("pip", "compile", *arguments, *options), variables)
 
 
-def create(call: Call, path: Path, interpreter: Interpreter) -> Said:
+def create(call: Call, path: Path, interpreter: Interpreter) -> Result:
     """Make a virtual environment with nothing in it."""
     return _run(call, ("venv", "--python", interpreter.path, "--no-project", str(path)))
 
 
-def install(call: Call, python: Path, pylock: Path, settings: Path, link_mode: str) -> Said:
+def install(call: Call, python: Path, pylock: Path, settings: Path, link_mode: str) -> Result:
     """Install exactly the wheels of a pylock into an environment, with the given uv settings; nothing is built.
 
     No index is asked for packages; uv is still told of them, since their logins are for the files too.
@@ -117,9 +117,9 @@ def forget(packages: Iterable[str]) -> bool:
         return _run(call, ("cache", "clean", *sorted(packages))).ok
 
 
-def keep_log(said: Said, log: Path) -> str:
+def keep_log(result: Result, log: Path) -> str:
     """Write uv's output to a log; return the log's path below the state folder."""
-    write_atomic(log, said.text.encode())
+    write_atomic(log, result.text.encode())
     state = state_folder()
     return log.relative_to(state).as_posix() if log.is_relative_to(state) else log.name
 
@@ -131,7 +131,7 @@ def places() -> dict[str, str]:
 
 def _run(
     call: Call, arguments: Iterable[str], more: Mapping[str, str] | None = None, settings: Path | None = None
-) -> Said:
+) -> Result:
     config = ("--config-file", str(settings)) if settings else ("--no-config",)
     common = (*config, "--quiet", "--no-progress", "--color", "never", *(["--offline"] if call.offline else []))
     completed = process.run(
@@ -145,7 +145,7 @@ def _run(
         )
     )
     text = normalise(call.log.read_text(encoding="utf-8", errors="replace"), places())
-    return Said(ok=completed.exit_code == 0, text=text, trouble=_trouble(completed))
+    return Result(ok=completed.exit_code == 0, text=text, trouble=_trouble(completed))
 
 
 def _trouble(completed: process.Completed) -> str | None:
@@ -162,14 +162,14 @@ def _trouble(completed: process.Completed) -> str | None:
 
 
 def _environment(call: Call) -> dict[str, str]:
-    asked = index_settings.combined(call.index)
-    variables = {**asked.trust, **{name: value for name, value in os.environ.items() if PASSED_ON.fullmatch(name)}}
+    user_index = index_settings.combined(call.index)
+    variables = {**user_index.trust, **{name: value for name, value in os.environ.items() if PASSED_ON.fullmatch(name)}}
     given = {
-        "UV_DEFAULT_INDEX": asked.default,
-        "UV_INDEX": " ".join(asked.extra),
-        "UV_INDEX_STRATEGY": asked.strategy,
-        "SSL_CERT_FILE": asked.certificates,
-        "ALL_PROXY": variables.get("ALL_PROXY") or asked.proxy,
+        "UV_DEFAULT_INDEX": user_index.default,
+        "UV_INDEX": " ".join(user_index.extra),
+        "UV_INDEX_STRATEGY": user_index.strategy,
+        "SSL_CERT_FILE": user_index.certificates,
+        "ALL_PROXY": variables.get("ALL_PROXY") or user_index.proxy,
     }
     variables |= {name: value for name, value in given.items() if value}
     fixed = {"UV_CACHE_DIR": str(call.cache), "UV_PYTHON_DOWNLOADS": "never"}

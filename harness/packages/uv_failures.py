@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from harness.model import Outcome, Phase, Step
 from harness.model.errors import UnusableRequirement
 from harness.model.machine_trouble import MACHINE_TROUBLE
-from harness.standalone.lines import bounded, decisive_line, strip_ansi
+from harness.standalone.lines import decisive_line, shorten_line, strip_ansi
 
 TROUBLE = re.compile(
     r"Failed to fetch|Request failed after|error sending request|dns error|operation timed out"
@@ -79,7 +79,7 @@ WARNING = re.compile(r"^warning: ")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _Words:
+class _UvMessage:
     """A message of uv taken apart: its own words, and the output of the build backend that it called."""
 
     own: tuple[str, ...]
@@ -96,14 +96,14 @@ def met_source(text: str) -> bool:
 
 def unreadable(text: str) -> str | None:
     """Name a file that uv could not read and passed over, as a cut download leaves it; None if there is none."""
-    found = UNREADABLE.search(strip_ansi(text))
-    return f"{found[1]} came broken from its index: {bounded(found[2])}; try again" if found else None
+    match = UNREADABLE.search(strip_ansi(text))
+    return f"{match[1]} came broken from its index: {shorten_line(match[2])}; try again" if match else None
 
 
 def unlisted(text: str) -> str | None:
     """Return the package that is asked for and of which uv saw no version at all; None if there is none."""
-    found = NO_VERSION.search(str(_words(text)))
-    return found[1] if found else None
+    match = NO_VERSION.search(str(_parse_message(text)))
+    return match[1] if match else None
 
 
 def failure(text: str, phase: Phase) -> Step:
@@ -112,7 +112,7 @@ def failure(text: str, phase: Phase) -> Step:
     Whatever is not known to be about packages is infra: it could not be told. Raises UnusableRequirement for a
     requirement or a setting that uv cannot use.
     """
-    words = _words(text)
+    words = _parse_message(text)
     own = str(words)
     if MALFORMED.search(own) or NO_PROJECT.search(own):
         return Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive=_places_apart(_plain(words)))
@@ -120,21 +120,23 @@ def failure(text: str, phase: Phase) -> Step:
         message = f"uv cannot use what it was given: {_plain(words)}; correct the requirement or setting"
         raise UnusableRequirement(message)
     if foreign := FOREIGN.search(own):
-        told = f"the index hands out another package's file as {foreign[2]} (it holds {foreign[1]}); try again later"
-        return Step(phase=phase, outcome=Outcome.INFRA, decisive=told)
+        decisive = (
+            f"the index hands out another package's file as {foreign[2]} (it holds {foreign[1]}); try again later"
+        )
+        return Step(phase=phase, outcome=Outcome.INFRA, decisive=decisive)
     if foreign := FOREIGN_METADATA.search(own):
-        told = (
+        decisive = (
             f"the metadata of {foreign[1]} are those of {foreign[2]}: the index mixed them up, or a wheel is malformed"
         )
-        return Step(phase=phase, outcome=Outcome.INFRA, decisive=f"{told}; try again later")
+        return Step(phase=phase, outcome=Outcome.INFRA, decisive=f"{decisive}; try again later")
     if TROUBLE.search(own):
         return Step(phase=phase, outcome=Outcome.INFRA, decisive=_trouble(words))
-    found = _of_packages(words, own, phase)
+    step = _of_packages(words, own, phase)
     unknown = f"uv failed in a way that is not known: {_plain(words)}"
-    return found or Step(phase=phase, outcome=Outcome.INFRA, decisive=unknown)
+    return step or Step(phase=phase, outcome=Outcome.INFRA, decisive=unknown)
 
 
-def _of_packages(words: _Words, own: str, phase: Phase) -> Step | None:
+def _of_packages(words: _UvMessage, own: str, phase: Phase) -> Step | None:
     """Return the step for a failure that uv blames on packages; None for any other."""
     if BUILD.search(own):
         return _build(words)
@@ -158,12 +160,12 @@ def _places_apart(line: str) -> str:
     """Return a line without the random names of folders in uv's cache."""
     return re.sub(
         r"`[^`]*/(?:\.tmp[^`/]*|archive-v\d+/[^`/]+|src)(?:/([^`]*))?`",
-        lambda found: f"`{found[1] or 'its source'}`",
+        lambda match: f"`{match[1] or 'its source'}`",
         line,
     )
 
 
-def _words(text: str) -> _Words:
+def _parse_message(text: str) -> _UvMessage:
     own: list[str] = []
     backend: list[str] = []
     printed_by_backend = False
@@ -176,10 +178,10 @@ def _words(text: str) -> _Words:
         elif bare.startswith("hint: ") or line.startswith("error: "):
             printed_by_backend = False
         (backend if printed_by_backend else own).append(line)
-    return _Words(own=tuple(line for line in own if line.strip()), backend="\n".join(backend))
+    return _UvMessage(own=tuple(line for line in own if line.strip()), backend="\n".join(backend))
 
 
-def _build(words: _Words) -> Step:
+def _build(words: _UvMessage) -> Step:
     """Return the step of an sdist whose metadata could not be made, or whose build requirements have no solution."""
     if "No solution found" in str(words):
         package = BUILD.search(str(words))
@@ -191,35 +193,35 @@ def _build(words: _Words) -> Step:
     return Step(
         phase=Phase.INSTALL,
         outcome=Outcome.INFRA if trouble else Outcome.FAILED,
-        decisive=bounded(line or _plain(words)),
+        decisive=shorten_line(line or _plain(words)),
     )
 
 
-def _metadata(words: _Words) -> str:
+def _metadata(words: _UvMessage) -> str:
     """Return the metadata line that uv cannot parse; uv puts it into a hint of several lines."""
     start = next((n for n, line in enumerate(words.own) if "could not be parsed" in line), 0)
     lines = [re.sub(r"^hint: ", "", line.strip()) for line in words.own[start:]]
-    return bounded("\n".join(line for line in lines if line.strip("^ ~")))
+    return shorten_line("\n".join(line for line in lines if line.strip("^ ~")))
 
 
-def _trouble(words: _Words) -> str:
+def _trouble(words: _UvMessage) -> str:
     """Return the hint with the index's answer, else the first line and the last cause, the system's own word."""
     hints = [line for line in words.own if line.startswith("hint: ") and TROUBLE.search(line)]
     if hints:
-        return bounded(hints[0].removeprefix("hint: "))
-    told = [line for line in words.own if STATEMENT.match(line)] or words.own
-    lines = [LEAD.sub("", line).strip() for line in told]
+        return shorten_line(hints[0].removeprefix("hint: "))
+    statements = [line for line in words.own if STATEMENT.match(line)] or words.own
+    lines = [LEAD.sub("", line).strip() for line in statements]
     if any("Hash mismatch" in line for line in lines):
-        return bounded(f"{lines[0]}: {lines[-1]}; {OTHER_FILE}")
-    return bounded(": ".join(dict.fromkeys((lines[0], lines[-1]))) if lines else "uv said nothing")
+        return shorten_line(f"{lines[0]}: {lines[-1]}; {OTHER_FILE}")
+    return shorten_line(": ".join(dict.fromkeys((lines[0], lines[-1]))) if lines else "uv said nothing")
 
 
-def _last_cause(words: _Words) -> str:
+def _last_cause(words: _UvMessage) -> str:
     causes = [LEAD.sub("", line).strip() for line in words.own if "Because" in line]
     return causes[-1] if causes else _plain(words)
 
 
-def _plain(words: _Words) -> str:
+def _plain(words: _UvMessage) -> str:
     """Return all of uv's own words but hints, in one line."""
     lines = [LEAD.sub("", line).strip() for line in words.own if not line.startswith("hint: ")]
-    return bounded(": ".join(line.rstrip(":") for line in lines if line.strip("^ ~")) or "no word")
+    return shorten_line(": ".join(line.rstrip(":") for line in lines if line.strip("^ ~")) or "no word")

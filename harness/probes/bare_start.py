@@ -12,7 +12,7 @@ from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import own_folders
 from harness.probes import launch
 from harness.probes.evidence import LOG
-from harness.standalone.lines import bounded, death, decisive_line
+from harness.standalone.lines import decisive_line, describe_death, shorten_line
 
 STARTED = "simmatrix: Python has started"
 PROGRAM = (
@@ -34,15 +34,15 @@ def broken_by_packages(site: launch.Site) -> str | None:
     done, started, text = _start(site, WITH_PACKAGES)
     if started or done.killed or done.timed_out or done.out_of_memory:
         return None
-    line = decisive_line(text) or death(done.exit_code, done.signal, text)
-    return bounded(f"Python does not start with what is installed: {line}")
+    line = decisive_line(text) or describe_death(done.exit_code, done.signal, text)
+    return shorten_line(f"Python does not start with what is installed: {line}")
 
 
 def _start(site: launch.Site, options: tuple[str, ...]) -> tuple[process.Completed, bool, str]:
     with scratch_folder() as scratch:
         home = scratch / "home"
         launch.furnish(site, home)
-        folder, sealed = launch.entered(site, scratch)
+        folder, sealed = launch.prepare_environment(site, scratch)
         with site.code(folder, "start") as code:
             done = process.run(
                 process.Command(

@@ -49,8 +49,8 @@ class Request:
     @property
     def memory_mb(self) -> int:
         """Return the memory that all its processes may hold together."""
-        asked = self.case or self.suite
-        return asked.memory_mb if asked else 0
+        target = self.case or self.suite
+        return target.memory_mb if target else 0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -166,8 +166,8 @@ class Reading:
 
     def pictures(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the paths of the frames of these names that could be kept."""
-        kept = (f"{name.removesuffix('.npy')}{PICTURE}" for name in names)
-        return tuple(f"{self.folder}/{name}" for name in kept if name in self.run.files)
+        files = (f"{name.removesuffix('.npy')}{PICTURE}" for name in names)
+        return tuple(f"{self.folder}/{name}" for name in files if name in self.run.files)
 
 
 def folder_of(name: str) -> str:

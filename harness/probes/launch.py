@@ -63,22 +63,28 @@ class Site:
         """Return the folders that a probe runs in. Modules are found first in the last one."""
         return (self.below, self.folder) if self.below else (self.folder,)
 
-    def cached(self, home: Path, code: bytecode.Lent) -> dict[str, str]:
+    def cached(self, home: Path, code: bytecode.RunFolders) -> dict[str, str]:
         """Return the variables of a run, with the places where Python, numba and Warp keep compiled code."""
         brought = {name: str(copy) for name, copy in self.brought.items()}
         path = [*(str(home / folder) for folder in self.python_path), *filter(None, [self.variables.get("PYTHONPATH")])]
-        found = {"PYTHONPATH": os.pathsep.join(path)} if path else {}
-        kept = code.variables
-        return {**kept, **self.variables, **brought, **found, bytecode.PREFIX: kept[bytecode.PREFIX]}
+        path_variable = {"PYTHONPATH": os.pathsep.join(path)} if path else {}
+        cache_variables = code.variables
+        return {
+            **cache_variables,
+            **self.variables,
+            **brought,
+            **path_variable,
+            bytecode.PREFIX: cache_variables[bytecode.PREFIX],
+        }
 
-    def code(self, shown: Path, *imports: object) -> AbstractContextManager[bytecode.Lent]:
+    def code(self, shown: Path, *imports: object) -> AbstractContextManager[bytecode.RunFolders]:
         """Lend a place for compiled code to a run that sees the environment at `shown` and has these imports."""
         source = bytecode.Source(folders=self.folders, python=self.python, kept=self.pycache)
-        return bytecode.lent(source, shown, digest(*imports))
+        return bytecode.lend_folders(source, shown, digest(*imports))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Ran:
+class ProbeResult:
     """The files and results of one probe process, while its folders exist.
 
     `overran` is the limit (seconds) that ended it, `left` the folder that it wrote its reply to, `beside` the one with
@@ -113,7 +119,9 @@ def shared_memory_here() -> bool:
 
 
 @contextmanager
-def probe(site: Site, case: Case, limits: Mapping[str, float], followers: Iterable[str] | None = None) -> Iterator[Ran]:
+def probe(
+    site: Site, case: Case, limits: Mapping[str, float], followers: Iterable[str] | None = None
+) -> Iterator[ProbeResult]:
     """Run the checks named in `limits` (in their order, each with its seconds) in one process of the cell.
 
     `followers` are the checks that are to follow them if they pass; all that can if none are named.
@@ -126,10 +134,10 @@ def probe(site: Site, case: Case, limits: Mapping[str, float], followers: Iterab
             yield _run(site, wire.request(case, limits, scratch / "reply", followers), scratch, beside, left)
 
 
-def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left: Folder) -> Ran:
+def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left: Folder) -> ProbeResult:
     home, replies, case, allowed = scratch / "home", scratch / "reply", request.case, request.limits
     furnish(site, home)
-    folder, sealed = entered(site, scratch)
+    folder, sealed = prepare_environment(site, scratch)
     (scratch / "request.json").write_text(wire.request_to_json(request))
     with site.code(folder, case.api, case.imports, case.providers, case.beside) as code:
         command = process.Command(
@@ -150,13 +158,13 @@ def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left:
             writable=(scratch, *code.writable),
         )
         try:
-            with display.shown(command, scratch / "display") as seen:
+            with display.open_display(command, scratch / "display") as seen:
                 completed, overran = _watch(seen.command, left, allowed)
                 lost, places = seen.lost(), seen.places
         except display.NoDisplayError as error:
             completed, overran, lost, places = process.unstarted(command, str(error)), None, None, {}
     completed = watched(site, folder, completed)
-    return Ran(
+    return ProbeResult(
         reply=_reply(left),
         completed=completed,
         overran=overran,
@@ -198,7 +206,7 @@ def furnish(site: Site, home: Path) -> None:
         target.write_bytes(content)
 
 
-def entered(site: Site, scratch: Path) -> tuple[Path, tuple[Path, ...]]:
+def prepare_environment(site: Site, scratch: Path) -> tuple[Path, tuple[Path, ...]]:
     """Return the folder of the environment for one run, and the folders to seal.
 
     If writes cannot be laid over the shared environment, it is a copy, which merges a thin environment with the one
@@ -234,7 +242,7 @@ def _differences(site: Site, copy: Path) -> Iterator[str]:
 
 
 def _files(folder: Path) -> dict[str, tuple[int, int]]:
-    found: dict[str, tuple[int, int]] = {}
+    marks: dict[str, tuple[int, int]] = {}
     waiting = [""]
     while waiting:  # no recursion: a probe may leave folders of any depth
         inside = waiting.pop()
@@ -247,8 +255,8 @@ def _files(folder: Path) -> dict[str, tuple[int, int]]:
                     waiting.append(f"{name}/")
                 elif not entry.is_dir():
                     at = entry.stat(follow_symlinks=False)
-                    found[name] = at.st_size, 0 if S_ISLNK(at.st_mode) else at.st_mtime_ns
-    return found
+                    marks[name] = at.st_size, 0 if S_ISLNK(at.st_mode) else at.st_mtime_ns
+    return marks
 
 
 def _watch(

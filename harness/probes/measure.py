@@ -15,7 +15,7 @@ from harness.model.hostile_data import Unreadable
 from harness.packages.environments import bytecode
 from harness.probes import bare_start, launch, program, thumbnails
 from harness.probes.evidence import PICTURE, REPLY, End, Host, ProbeRun, Request
-from harness.probes.vault import Vault, kept
+from harness.probes.vault import Vault, keep_files
 from harness.standalone.lines import normalise
 
 MOST_EVIDENCE, MOST_FRAMES = 64 << 20, 16
@@ -54,12 +54,12 @@ class Laboratory:
             program={name: program.digest(request.case.api, name) for name in (*request.limits, *request.followers)},
             end=end,
             host=host,
-            files=kept(self.vault, texts),
+            files=keep_files(self.vault, texts),
             measured=now(),
         )
         return self.vault.put(run, key)
 
-    def _host(self, site: launch.Site, ran: launch.Ran, clean: _Cleaner) -> Host:
+    def _host(self, site: launch.Site, ran: launch.ProbeResult, clean: _Cleaner) -> Host:
         """Return the facts of the host. If a run was not plainly good, check whether its environment still stands."""
         done, reply = ran.completed, ran.reply
         host = replace(self.host, shares_memory=done.sandbox != process.UNSEALED or launch.shared_memory_here())
@@ -115,7 +115,7 @@ class _Cleaner:
         return normalise(text, self._in_json if name.endswith(".jsonl") else self._places)
 
 
-def _texts(ran: launch.Ran, clean: _Cleaner) -> Iterator[tuple[str, bytes]]:
+def _texts(ran: launch.ProbeResult, clean: _Cleaner) -> Iterator[tuple[str, bytes]]:
     """Yield the texts of a run by name, the reply first, as many as are kept."""
     left = MOST_EVIDENCE
     for name, text in sorted(ran.texts(), key=lambda pair: pair[0] != REPLY):
@@ -124,7 +124,7 @@ def _texts(ran: launch.Ran, clean: _Cleaner) -> Iterator[tuple[str, bytes]]:
         yield name, content
 
 
-def _pictures(ran: launch.Ran) -> Iterator[tuple[str, bytes]]:
+def _pictures(ran: launch.ProbeResult) -> Iterator[tuple[str, bytes]]:
     """Yield the frames of a run as small pictures."""
     drawn = dict.fromkeys(name for _, name in ran.reply.frames)
     for name in list(drawn)[:MOST_FRAMES]:

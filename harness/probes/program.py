@@ -65,13 +65,13 @@ class Program:
         return store.digest(PROTOCOL, [(name, self.files[name].digest) for name in names if name not in TRANSPORT])
 
     def _closure(self, names: Iterable[str]) -> tuple[str, ...]:
-        waiting, found = list(names), set[str]()
+        waiting, closure = list(names), set[str]()
         while waiting:
             name = waiting.pop()
-            if name not in found:
-                found.add(name)
+            if name not in closure:
+                closure.add(name)
                 waiting += self.files[name].imports
-        return tuple(sorted(found))
+        return tuple(sorted(closure))
 
 
 def check_file(check: str) -> str:
@@ -101,7 +101,7 @@ def read(folder: Path) -> Program:
     def parsed() -> bytes:
         return msgspec.json.encode({name: _file(name, source) for name, source in sources.items()})
 
-    return Program(decoder.decode(store.remembered("program", repr(marks), parsed, decoder.decode)))
+    return Program(decoder.decode(store.load_or_make("program", repr(marks), parsed, decoder.decode)))
 
 
 def _file(name: str, source: bytes) -> File:

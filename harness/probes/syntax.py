@@ -21,11 +21,11 @@ def digest(tree: ast.Module, but: Collection[str] = ()) -> str:
 
 def neighbours(tree: ast.Module) -> tuple[str, ...]:
     """Return the files that a source imports from its own package, by `from .name import` or `from . import name`."""
-    found: list[str] = []
+    modules: list[str] = []
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and node.level:
-            found += [node.module] if node.module else [alias.name for alias in node.names]
-    return tuple(f"{name}.py" for name in dict.fromkeys(found))
+            modules += [node.module] if node.module else [alias.name for alias in node.names]
+    return tuple(f"{name}.py" for name in dict.fromkeys(modules))
 
 
 def _assigns(node: ast.stmt, names: Collection[str]) -> bool:
@@ -52,8 +52,8 @@ def _written(value: object) -> Iterator[str]:
         yield ")"
     elif isinstance(value, list):
         yield "["
-        for one in value:
-            yield from _written(one)
+        for item in value:
+            yield from _written(item)
         yield "]"
     else:
         yield f"{type(value).__name__} {value!a}"

@@ -23,19 +23,19 @@ def thumbnail(content: bytes) -> bytes | None:
 
     None where the bytes are not such an array: they come out of a cell and are not trusted.
     """
-    found = ARRAY.match(content)
-    if not found or len(content) > LARGEST:
+    header = ARRAY.match(content)
+    if not header or len(content) > LARGEST:
         return None
-    height, width = int(found[2]), int(found[3])
-    if not height * width or len(content) - found.end() < height * width * 3:
+    height, width = int(header[2]), int(header[3])
+    if not height * width or len(content) - header.end() < height * width * 3:
         return None
     import numpy as np  # noqa: PLC0415 - only runs that render pay for it
     from PIL import Image  # noqa: PLC0415
 
-    pixels = np.frombuffer(content, dtype=np.uint8, count=height * width * 3, offset=found.end())
+    pixels = np.frombuffer(content, dtype=np.uint8, count=height * width * 3, offset=header.end())
     try:
         with understanding():
-            image = Image.fromarray(pixels.reshape((height, width, 3), order="F" if found[1] == b"True" else "C"))
+            image = Image.fromarray(pixels.reshape((height, width, 3), order="F" if header[1] == b"True" else "C"))
             image.thumbnail((WIDTH, WIDTH))
     except Unreadable:
         return None

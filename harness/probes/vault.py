@@ -126,6 +126,6 @@ class Vault:
         return self.folder / "ac" / key[:2] / key[2:]
 
 
-def kept(vault: Vault, texts: Mapping[str, bytes]) -> dict[str, str]:
+def keep_files(vault: Vault, texts: Mapping[str, bytes]) -> dict[str, str]:
     """Keep the files of a run and return their names by content."""
     return {name: vault.keep(content) for name, content in sorted(texts.items())}

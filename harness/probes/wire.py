@@ -246,7 +246,7 @@ def plain_records(text: str) -> Iterator[dict[str, Any]]:
 
 def read_workers(files: Mapping[str, bytes]) -> tuple[tuple[tuple[str, WorkerRecord], ...], tuple[str, ...]]:
     """Read the `worker-*` files: pairs of check and worker in order of pid, and problems."""
-    found: list[tuple[str, WorkerRecord]] = []
+    workers: list[tuple[str, WorkerRecord]] = []
     problems: list[str] = []
     names = [match for name in files if (match := WORKER_FILE.fullmatch(name)) and match[2] == "jsonl"]
     for match in sorted(names, key=lambda match: int(match[1])):
@@ -256,8 +256,8 @@ def read_workers(files: Mapping[str, bytes]) -> tuple[tuple[tuple[str, WorkerRec
         problems += sequence.problems
         stacks = files.get(f"worker-{match[1]}.txt", b"")[:LONGEST_STACKS].decode("utf-8", "replace")
         if diary.check:
-            found.append((diary.check, diary.worker(int(match[1]), stacks)))
-    return tuple(found), tuple(problems[:MOST_PROBLEMS])
+            workers.append((diary.check, diary.worker(int(match[1]), stacks)))
+    return tuple(workers), tuple(problems[:MOST_PROBLEMS])
 
 
 @dataclass(slots=True, kw_only=True)
@@ -359,12 +359,12 @@ class _Reading:
         facts, refusal = believed(record.facts)
         outcome, seen = Outcome(record.outcome), record.observed.of(record.check) if record.observed else None
         violation = seen if outcome is Outcome.FAILED and not record.raised else None
-        told = record.raised.told() if record.raised else None
+        raised = record.raised.told() if record.raised else None
         self.checks[record.check] = CheckReply(
             check=record.check,
             outcome=outcome,
             seconds=record.seconds,
-            raised=_violation(violation) if violation else told,
+            raised=_violation(violation) if violation else raised,
             reason=sentence(seen) if seen and not violation else None,
             observed=seen,
             workers=tuple(WorkerRecord(pid=end.pid, exit_code=end.exit_code) for end in record.workers),
@@ -412,5 +412,5 @@ class _Diary:
             case _WorkerRaised():
                 if self.raised is None:
                     self.observed = record.observed.of(record.check) if record.observed else None
-                    told = record.raised.told() if record.raised else None
-                    self.raised = _violation(self.observed) if self.observed else told
+                    raised = record.raised.told() if record.raised else None
+                    self.raised = _violation(self.observed) if self.observed else raised

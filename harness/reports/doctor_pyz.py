@@ -42,19 +42,19 @@ EXECUTABLE = 0o755
 
 def write(path: Path) -> None:
     """Write the file to a path, atomically. Raises BadInput if signatures or results cannot be read."""
-    store.write_atomic(path, content(shipped_signatures.known(), result_index.shipped()))
+    store.write_atomic(path, content(shipped_signatures.load_all(), result_index.load_shipped()))
     path.chmod(EXECUTABLE)
 
 
-def content(known: tuple[Signature, ...], results: Mapping[str, Any]) -> bytes:
+def content(signatures: tuple[Signature, ...], results: Mapping[str, Any]) -> bytes:
     """Return the bytes of the whole file."""
     files = (*PACKAGE.rglob("*.py"), *PACKAGE.glob("vendored/*/LICENSE*"))
     ours = {file.relative_to(PACKAGE).as_posix(): file for file in sorted(files)}
     members = {
         "__main__.py": START.encode(),
         **{f"{INSIDE}/{name}": file.read_bytes() for name, file in ours.items()},
-        f"{INSIDE}/signatures.json": json.dumps([one.as_file for one in known], sort_keys=True).encode(),
-        f"{INSIDE}/{adapters.CARRIED}": adapters.carried(),
+        f"{INSIDE}/signatures.json": json.dumps([one.as_file for one in signatures], sort_keys=True).encode(),
+        f"{INSIDE}/{adapters.CARRIED}": adapters.encode_declarations(),
         f"{INSIDE}/measured.json.gz": digest.packed(dict(results)),
     }
     buffer = io.BytesIO(SHEBANG)

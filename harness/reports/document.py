@@ -69,7 +69,7 @@ def build(  # noqa: PLR0913 - all that a document is made of
     stale = [sentence for plan in plans for sentence in plan.stale]
     planned = {cell.id: cell for plan in plans for cell in plan.cells}
     variants = frozenset().union(*(plan.variants for plan in plans))
-    making = Making(locate, marks(), known.signatures, planned, variants)
+    making = EntryInputs(locate, marks(), known.signatures, planned, variants)
     for cell in planned.values():
         unrun = CellRecord(cell=cell, machine=here)
         for record in sorted(measured.get(cell.id, [unrun]), key=lambda record: record.machine):
@@ -79,7 +79,7 @@ def build(  # noqa: PLR0913 - all that a document is made of
     return Document(
         generated=generated,
         machines={name: dict(facts) for name, facts in sorted(machines.items())},
-        cells=change_effects.proven(cells),
+        cells=change_effects.mark_proven(cells),
         dropped=tuple(
             DroppedEntry(id=gone.id, reason=gone.reason, count=gone.count) for plan in plans for gone in plan.dropped
         ),
@@ -109,22 +109,22 @@ def marks() -> Callable[[Cell], str]:
     Other packages or other cases give another mark. The package index and its date are left out, because shards on two
     machines may differ in them.
     """
-    known: dict[tuple[int, ...], str] = {}
+    cache: dict[tuple[int, ...], str] = {}
 
     def mark(cell: Cell) -> str:
         later = (cell.system, cell.empty, cell.python_path, cell.bring)
         key = tuple(map(id, (cell.question, cell.cases, cell.files, cell.needs, *later)))  # shared between cells
-        if key not in known:
+        if key not in cache:
             question = dataclasses.replace(cell.question, index=IndexSettings(), snapshot=None)
             around = (cell.files, cell.needs, *filter(None, later))
-            asked = msgspec.json.encode((question, cell.cases, *around), order="deterministic")
-            known[key] = sha256(asked).hexdigest()[:16]
-        return known[key]
+            content = msgspec.json.encode((question, cell.cases, *around), order="deterministic")
+            cache[key] = sha256(content).hexdigest()[:16]
+        return cache[key]
 
     return mark
 
 
-class Making(NamedTuple):
+class EntryInputs(NamedTuple):
     """The inputs for the entries of a document; `signatures` returns the known failures."""
 
     locate: Locate
@@ -134,7 +134,7 @@ class Making(NamedTuple):
     variants: frozenset[str]
 
 
-def entry(assessed: Assessed, making: Making) -> CellEntry:
+def entry(assessed: Assessed, making: EntryInputs) -> CellEntry:
     """Return a judged cell as a document entry."""
     record, locate = assessed.record, making.locate
     cell = record.cell
@@ -195,36 +195,36 @@ def entry(assessed: Assessed, making: Making) -> CellEntry:
     )
 
 
-def _change(cell: Cell, making: Making) -> ChangeEntry | None:
+def _change(cell: Cell, making: EntryInputs) -> ChangeEntry | None:
     """Return the change of a cell with the known failures that it is the remedy of; None for an unchanged cell."""
     tried, base = cell.tried, making.planned.get(cell.base or "")
     if tried is None:
         return None
-    known = machine_applicable(making.signatures()) if base else ()
+    remedies = machine_applicable(making.signatures()) if base else ()
     return ChangeEntry(
         name=tried.name,
         reason=tried.reason,
-        does=(*changes.described(tried.change), *tried.also),
+        does=(*changes.describe(tried.change), *tried.also),
         change=changes.plain(tried.change),
-        remedy_of=tuple(str(one.id) for one, remedy in known if base and changes.comes_to(base, remedy, cell)),
+        remedy_of=tuple(str(one.id) for one, remedy in remedies if base and changes.produces(base, remedy, cell)),
         advice=tried.advice,
         link=tried.link,
     )
 
 
-def diagnosis_entry(found: Diagnosis) -> DiagnosisEntry:
+def diagnosis_entry(diagnosis: Diagnosis) -> DiagnosisEntry:
     """Return a known failure that fits as a document entry."""
-    one = found.signature
+    signature = diagnosis.signature
     return DiagnosisEntry(
-        signature=str(one.id),
-        cause=one.cause,
-        remedy=one.remedy.plain,
+        signature=str(signature.id),
+        cause=signature.cause,
+        remedy=signature.remedy.plain,
         proven=False,
-        masks=one.masks,
-        references=one.references,
-        generic=one.generic,
-        phase=Phase(found.phase) if found.phase else None,
-        seen=found.seen,
+        masks=signature.masks,
+        references=signature.references,
+        generic=signature.generic,
+        phase=Phase(diagnosis.phase) if diagnosis.phase else None,
+        seen=diagnosis.seen,
     )
 
 
@@ -245,31 +245,31 @@ def _repair(repair: Repair) -> RepairEntry:
 
 
 def _subject(record: CellRecord) -> SubjectEntry | None:
-    asked, tested = record.cell.subject, record.subject
-    if asked is None:
+    subject, tested = record.cell.subject, record.subject
+    if subject is None:
         return None
     return SubjectEntry(
         name=tested.name if tested else None,
         version=tested.version if tested else None,
-        commit=asked.commit,
-        changed=asked.changed,
+        commit=subject.commit,
+        changed=subject.changed,
         wheel_sha256=tested.sha256 if tested else None,
-        extras=asked.extras,
-        groups=asked.groups,
+        extras=subject.extras,
+        groups=subject.groups,
     )
 
 
 def _suite(assessed: Assessed, locate: Locate) -> SuiteEntry | None:
-    told = assessed.suite
-    if told is None:
+    suite = assessed.suite
+    if suite is None:
         return None
-    facts: Mapping[str, Any] = next((check.facts for check in told.checks), {})
+    facts: Mapping[str, Any] = next((check.facts for check in suite.checks), {})
     return SuiteEntry(
-        outcome=told.outcome,
+        outcome=suite.outcome,
         tests=dict(facts.get("tests", {})),
         failed=tuple(facts.get("failed", ())) or msgspec.UNSET,
-        decisive=told.decisive,
-        evidence=locate(told.evidence) if told.evidence else None,
+        decisive=suite.decisive,
+        evidence=locate(suite.evidence) if suite.evidence else None,
         diagnoses=tuple(map(diagnosis_entry, assessed.suite_diagnoses)) or msgspec.UNSET,
     )
 
@@ -292,7 +292,8 @@ def _case(case: AssessedCase, unverified: tuple[str, ...], locate: Locate) -> Ca
             if phase.evidence and phase.outcome is not Outcome.PASSED
         },
         drawn=dict(case.drawn),
-        told={check.check: told for check in checks if (told := check.facts.get("told"))} or msgspec.UNSET,
+        told={check.check: measurements for check in checks if (measurements := check.facts.get("told"))}
+        or msgspec.UNSET,
         misleads=case.misleads,
         unverified=unverified,
         exercised=case.packages or msgspec.UNSET,
@@ -317,29 +318,29 @@ def read(content: bytes, name: str) -> Document:
 
     Raises BadInput, also if a combination is listed twice: one of the two would be lost silently.
     """
-    found = schema.load_json(content, Document, name)
-    seen = Counter((cell.id, cell.machine) for cell in found.cells)
+    document = schema.load_json(content, Document, name)
+    seen = Counter((cell.id, cell.machine) for cell in document.cells)
     twice = next((cell_id for (cell_id, _), number in seen.items() if number > 1), None)
     if twice is not None:
         message = f"{name}: cells: {twice} is listed twice for one machine"
         raise BadInput(message)
-    return _renamed(found)
+    return _renamed(document)
 
 
 def _renamed(document: Document) -> Document:
     """Return the document with ids in today's format: earlier versions wrote them without separators."""
     names = {}
     for cell in document.cells:
-        names[cell.id] = cellid.newer(cell.id, cell.axes, cell.requested_python if cell.base else None)
+        names[cell.id] = cellid.to_current_form(cell.id, cell.axes, cell.requested_python if cell.base else None)
         if cell.base:
-            names[cell.base] = cellid.newer(cell.base, cell.axes)
+            names[cell.base] = cellid.to_current_form(cell.base, cell.axes)
     if all(old == new for old, new in names.items()):
         return document
     replaced = msgspec.structs.replace
 
     def renamed(cell: CellEntry) -> CellEntry:
-        known = (replaced(one, proof=names.get(one.proof or "", one.proof)) for one in cell.diagnoses)
-        return replaced(cell, id=names[cell.id], base=cell.base and names[cell.base], diagnoses=tuple(known))
+        diagnoses = (replaced(one, proof=names.get(one.proof or "", one.proof)) for one in cell.diagnoses)
+        return replaced(cell, id=names[cell.id], base=cell.base and names[cell.base], diagnoses=tuple(diagnoses))
 
     stale = (text.partition(" ") for text in document.stale)
     return replaced(
@@ -359,7 +360,7 @@ def _left_out(cell_id: str, document: Document) -> str:
     return cellid.newer_left_out(cell_id, values)
 
 
-def moved(document: Document, locate: Locate) -> Document:
+def relocate(document: Document, locate: Locate) -> Document:
     """Return the document with every path replaced by `locate(path)`."""
     replace = msgspec.structs.replace
 
@@ -384,14 +385,14 @@ def moved(document: Document, locate: Locate) -> Document:
 
 def paths(document: Document) -> frozenset[str]:
     """Return every file and folder that a document names."""
-    found: set[str] = set()
+    names: set[str] = set()
 
     def keep(path: str) -> str:
-        found.add(path)
+        names.add(path)
         return path
 
-    moved(document, keep)
-    return frozenset(found)
+    relocate(document, keep)
+    return frozenset(names)
 
 
 def combined(documents: Sequence[Document]) -> Document:
@@ -405,7 +406,9 @@ def combined(documents: Sequence[Document]) -> Document:
     return Document(
         generated=max(document.generated for document in documents),
         machines={name: facts for document in documents for name, facts in document.machines.items()},
-        cells=change_effects.proven(entry for entry in cells.values() if entry.machine or entry.id not in measured),
+        cells=change_effects.mark_proven(
+            entry for entry in cells.values() if entry.machine or entry.id not in measured
+        ),
         dropped=tuple({gone.id: gone for document in documents for gone in document.dropped}.values()),
         matrices={name: matrix for document in documents for name, matrix in document.matrices.items()},
         stale=tuple(dict.fromkeys(sentence for document in documents for sentence in document.stale)),

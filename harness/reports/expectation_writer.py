@@ -20,7 +20,7 @@ from harness.model import Cell, Phase, Verdict, cellid, schema
 from harness.model.errors import BadInput
 from harness.model.report_types import UNTOLD, CellEntry, word
 from harness.model.vocabulary import When, alternatives, matcher
-from harness.model.words import escaped, recognised
+from harness.model.words import escaped, recognise
 from harness.reports.merging import natural
 from harness.reports.tables import counted_failures
 
@@ -53,7 +53,7 @@ class Red:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Accepted:
+class Rewrite:
     """The new text of the file, its new tables, and a message for each table that was removed."""
 
     text: str
@@ -66,20 +66,20 @@ class Accepted:
 
 def reds(cells: Iterable[Cell], entries: Mapping[str, Sequence[CellEntry]], today: str) -> tuple[list[Red], list[str]]:
     """Return the red cells without a valid expectation, and messages about others that cannot be expected."""
-    found, mixed = [], []
+    red_cells, mixed = [], []
     for cell in cells:
-        told = [entry for entry in entries.get(cell.id, ()) if entry.verdict not in UNTOLD]
+        results = [entry for entry in entries.get(cell.id, ()) if entry.verdict not in UNTOLD]
         if not any(
-            entry.verdict is not Verdict.WORKS and as_expected(cell, entry, today) != (True, None) for entry in told
+            entry.verdict is not Verdict.WORKS and as_expected(cell, entry, today) != (True, None) for entry in results
         ):
             continue
-        if len({(entry.verdict, entry.phase) for entry in told}) > 1:
-            ends = ", ".join(f"{word(entry.verdict)} on {entry.machine}" for entry in told)
+        if len({(entry.verdict, entry.phase) for entry in results}) > 1:
+            ends = ", ".join(f"{word(entry.verdict)} on {entry.machine}" for entry in results)
             mixed.append(f"{cell.id}: {ends}; no expectation fits them all")
             continue
-        lines = sorted({entry.decisive for entry in told if entry.decisive})
-        found.append(Red(cell=cell, verdict=told[0].verdict, phase=told[0].phase, lines=tuple(lines)))
-    return found, mixed
+        lines = sorted({entry.decisive for entry in results if entry.decisive})
+        red_cells.append(Red(cell=cell, verdict=results[0].verdict, phase=results[0].phase, lines=tuple(lines)))
+    return red_cells, mixed
 
 
 def as_expected(cell: Cell, entry: CellEntry, today: str) -> tuple[bool | None, str | None]:
@@ -90,10 +90,10 @@ def as_expected(cell: Cell, entry: CellEntry, today: str) -> tuple[bool | None, 
 # --- the tables ------------------------------------------------------------------------------------------------
 
 
-def accept(text: str, matrix: Matrix, cells: Sequence[Cell], found: Sequence[Red], wish: Wish) -> Accepted:
+def accept(text: str, matrix: Matrix, cells: Sequence[Cell], red_cells: Sequence[Red], wish: Wish) -> Rewrite:
     """Write tables for red cells into the text of a matrix file; `cells` are all planned cells."""
     groups: dict[tuple[Verdict, Phase | None, str, bool], list[Cell]] = {}
-    for red in found:
+    for red in red_cells:
         groups.setdefault((red.verdict, red.phase, _line(red.lines), red.cell.base is None), []).append(red.cell)
     planned = [cell for cell in cells if cell.base is None]
     tables = [
@@ -101,19 +101,19 @@ def accept(text: str, matrix: Matrix, cells: Sequence[Cell], found: Sequence[Red
         for (verdict, phase, line, plain), group in groups.items()
         for selector in (_selectors(matrix, planned, group, wish.pattern) if plain else map(_labelled, group))
     ]
-    accepted = {red.cell.id for red in found}
+    accepted = {red.cell.id for red in red_cells}
     owned = _owned(matrix.expect, cells, matrix)
     gone = {index for index, ids in owned.items() if ids and ids <= accepted}
     catching = [
         index
         for index, table in enumerate(matrix.expect)
-        if index not in gone and any(_fits(table, red.cell, matrix) for red in found)
+        if index not in gone and any(_fits(table, red.cell, matrix) for red in red_cells)
     ]
     replaced = tuple(
         f"expect[{index}] is gone, which spoke of these cells alone: {matrix.expect[index].reason}"
         for index in sorted(gone)
     )
-    return Accepted(
+    return Rewrite(
         text=_spliced(text, tables, gone, min(catching, default=None)), tables=tuple(tables), replaced=replaced
     )
 
@@ -123,7 +123,7 @@ def _line(lines: Sequence[str]) -> str:
 
     These are the code of our own sentence, else a regular expression that finds them all.
     """
-    first, *others = [recognised(line) for line in lines] or [None]
+    first, *others = [recognise(line) for line in lines] or [None]
     if first is None or any(other != first for other in others):
         match = "|".join(escaped(_cut(line)) for line in lines)
         return f"match = {_string(match)}" if match else ""
@@ -157,9 +157,9 @@ def _selectors(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell], pat
     Tried in this order: values of one axis, one label, values of two axes, the user's pattern, several conditions.
     """
     ids = {cell.id for cell in group}
-    one, two = (_boxes(matrix, cells, group, axes) for axes in (1, 2))
+    one_axis, two = (_boxes(matrix, cells, group, axes) for axes in (1, 2))
     labels = [_labelled(cell) for cell in group]
-    for selector in (one, labels[0] if len(labels) == 1 else None, two):
+    for selector in (one_axis, labels[0] if len(labels) == 1 else None, two):
         if selector:
             return [selector]
     if {cell.id for cell in cells if cellid.fits(pattern, cell)} == ids:
@@ -176,7 +176,7 @@ def _parts(matrix: Matrix, cells: Sequence[Cell], group: Sequence[Cell]) -> Iter
         if (held := _held(when, cells, matrix)) <= left.keys()
     ]
     while inside:
-        when, held = max(inside, key=lambda one: (len(one[1] & left.keys()), -len(one[0])))
+        when, held = max(inside, key=lambda pair: (len(pair[1] & left.keys()), -len(pair[0])))
         if len(held & left.keys()) < 2:
             break
         yield _written(when)
@@ -304,13 +304,13 @@ def _headers(lines: Sequence[str]) -> Iterator[int]:
     """
     last = 0
     for at, line in enumerate(lines):
-        if HEADER.match(line) and _whole("\n".join([*lines[last:at], ""])):
+        if HEADER.match(line) and _is_toml("\n".join([*lines[last:at], ""])):
             last = at
             if not INNER.match(line):
                 yield at
 
 
-def _whole(text: str) -> bool:
+def _is_toml(text: str) -> bool:
     try:
         tomllib.loads(text)
     except tomllib.TOMLDecodeError:
@@ -334,11 +334,11 @@ def trouble(
 
     `judge` returns how the results of a cell stand by its expectation.
     """
-    chosen, known = set(accepted), {cell.id: cell for cell in before}
-    if known.keys() != {cell.id for cell in after}:
+    chosen, before_by_id = set(accepted), {cell.id: cell for cell in before}
+    if before_by_id.keys() != {cell.id for cell in after}:
         return "other cells are planned"
     for cell in after:
-        if cell.id not in chosen and cell.expect != known[cell.id].expect:
+        if cell.id not in chosen and cell.expect != before_by_id[cell.id].expect:
             return f"something else is expected of {cell.id}"
         if cell.id in chosen and any(standing not in {(True, None), (None, None)} for standing in judge(cell)):
             return f"{cell.id} is still not as expected"

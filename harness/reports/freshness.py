@@ -33,22 +33,24 @@ MOST = 1 << 20
 """Bytes of a note."""
 
 
-def mark(plan: Plan, records: Iterable[CellRecord], here: Machine, folder: Path, asked: object) -> str:
+def mark(plan: Plan, records: Iterable[CellRecord], here: Machine, folder: Path, options: object) -> str:
     """Return a mark of everything that a report is made of.
 
     It is equal for two reports into one folder, made on one day, exactly if they say the same.
     """
-    told = [
+    record_marks = [
         (one.cell.id, one.mark, one.measured, one.seconds, one.reused, one.controls) if one.mark else (one.cell.id, one)
         for one in records
     ]
-    return store.digest(plan, told, here.id, here.facts, str(folder.absolute()), asked, store.now()[:10], _ourselves())
+    return store.digest(
+        plan, record_marks, here.id, here.facts, str(folder.absolute()), options, store.now()[:10], _stat_sources()
+    )
 
 
 def read(note: Path, made_of: str, folder: Path) -> Document | None:
     """Return the report in a folder if its mark is the same and nobody changed its files since; else None."""
     try:
-        noted = guarded_files.decoded(note, MOST, lambda text: msgspec.json.decode(text, type=_Note))
+        noted = guarded_files.read_decoded(note, MOST, lambda text: msgspec.json.decode(text, type=_Note))
         if noted == _Note(made_of, _files(folder)):
             return document.read(given_files.read_content(folder / FILES[0]), str(folder / FILES[0]))
     except (OSError, Unreadable, HarnessError):
@@ -62,17 +64,17 @@ def keep(note: Path, made_of: str, folder: Path) -> None:
 
 
 def _files(folder: Path) -> tuple[tuple[int, int], ...]:
-    found = [(folder / name).stat() for name in (*FILES, *([WORDS] if (folder / WORDS).exists() else []))]
-    return tuple((one.st_size, one.st_mtime_ns) for one in found)
+    stats = [(folder / name).stat() for name in (*FILES, *([WORDS] if (folder / WORDS).exists() else []))]
+    return tuple((one.st_size, one.st_mtime_ns) for one in stats)
 
 
 @cache
-def _ourselves() -> tuple[tuple[int, int], ...]:
+def _stat_sources() -> tuple[tuple[int, int], ...]:
     """Return size and time of the code and data that make reports: another version makes another report."""
-    return tuple((file.stat().st_size, file.stat().st_mtime_ns) for file in made_with())
+    return tuple((file.stat().st_size, file.stat().st_mtime_ns) for file in list_sources())
 
 
-def made_with() -> list[Path]:
+def list_sources() -> list[Path]:
     """Return all code and data files of the harness, because any of them can affect a report."""
     package = source_digests.PACKAGE
     data = [*template_files.FOLDER.iterdir(), *(package / "model").glob("*.toml"), *signature_files.files()]

@@ -22,7 +22,7 @@ from harness.machine.store import Store
 from harness.model import CaseRecord, Cell, CellRecord, Plan
 from harness.model.errors import BadInput, CouldNotTell, HarnessError
 from harness.model.hostile_data import Unreadable
-from harness.model.report_types import CellEntry, Document, number
+from harness.model.report_types import CellEntry, Document, format_count
 from harness.probes.vault import Vault
 from harness.reports import document, packs, publishing
 from harness.reports.packs import Index, Packed
@@ -35,7 +35,7 @@ MOST_NAMED = 20
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Again:
+class JudgedReport:
     """A report judged again: its plans as they are today, and the new document."""
 
     folder: Path
@@ -55,37 +55,37 @@ def main(folders: Sequence[Path], *, write: bool, as_json: bool) -> int:
     Return 0 if nothing changed or everything was written, 1 if something changed, 3 if evidence is gone. As JSON the
     combined document is printed, and the changes go to stderr.
     """
-    altered, untold, made = 0, 0, []
+    altered, untold, documents = 0, 0, []
     for folder in folders:
-        known = packs.index(folder)
-        if known is None or not all((folder / name).exists() for name in known.packs):
+        index = packs.index(folder)
+        if index is None or not all((folder / name).exists() for name in index.packs):
             untold += 1
             _tell_untold(folder)
             continue
         with scratch_folder() as state:
-            again = judged(folder, known, Store(state))
+            again = judge(folder, index, Store(state))
             lines = list(_altered(again))
             for line in lines:
                 print(line, file=sys.stderr if as_json else sys.stdout)
-            made.append(document.moved(again.document, publishing.seen_from_here(folder)))
+            documents.append(document.relocate(again.document, publishing.seen_from_here(folder)))
             altered += bool(lines)
             if write:
                 _write(again)
-    if as_json and made:
-        print_json(document.encode(document.combined(made)))
-    print(f"{number(len(folders) - untold, 'report')} judged again, {altered or 'none'} altered", file=sys.stderr)
+    if as_json and documents:
+        print_json(document.encode(document.combined(documents)))
+    print(f"{format_count(len(folders) - untold, 'report')} judged again, {altered or 'none'} altered", file=sys.stderr)
     return (1 if altered and not write else 0) or (CouldNotTell.exit_code if untold else 0)
 
 
-def judged(folder: Path, index: Index, opened: Store) -> Again:
+def judge(folder: Path, index: Index, opened: Store) -> JudgedReport:
     """Return a report judged as of today from its evidence, which is unpacked into a store. Raises BadInput."""
     packed = packs.unpack(folder, index, opened.folder)
     vault = Vault(opened.folder)
     plans = _plans(packed)
     planned = {cell.id: cell for plan in plans for cell in plan.cells}
-    known = [_record(record, vault, folder) for one in packed for record in one.records]
-    records = [replace(record, cell=planned.get(record.cell.id, record.cell)) for record in known]
-    made = partial(
+    judged_records = [_record(record, vault, folder) for one in packed for record in one.records]
+    records = [replace(record, cell=planned.get(record.cell.id, record.cell)) for record in judged_records]
+    build = partial(
         document.build,
         records,
         plans,
@@ -94,8 +94,8 @@ def judged(folder: Path, index: Index, opened: Store) -> Again:
         known=shipped_signatures.beside(opened.folder),
         locate=publishing.place(records, opened, folder),
     )
-    again = Again(folder=folder, index=index, plans=plans, document=made(generated=index.judged))
-    return again if again.unchanged else replace(again, document=made(generated=store.now()))
+    again = JudgedReport(folder=folder, index=index, plans=plans, document=build(generated=index.judged))
+    return again if again.unchanged else replace(again, document=build(generated=store.now()))
 
 
 def _record(record: CellRecord, vault: Vault, folder: Path) -> CellRecord:
@@ -111,11 +111,11 @@ def _record(record: CellRecord, vault: Vault, folder: Path) -> CellRecord:
     return replace(record, cases=cases, suite=tests)
 
 
-def _case(record: CellRecord, one: CaseRecord, vault: Vault) -> CaseRecord:
-    if not one.runs:
-        return one
-    case = next(case for case in record.cell.cases if case.id == one.case)
-    return judging.judged_again(case, [vault.reading(name) for name in one.runs])
+def _case(record: CellRecord, case_record: CaseRecord, vault: Vault) -> CaseRecord:
+    if not case_record.runs:
+        return case_record
+    case = next(case for case in record.cell.cases if case.id == case_record.case)
+    return judging.judged_again(case, [vault.reading(name) for name in case_record.runs])
 
 
 def _plans(packed: Iterable[Packed]) -> tuple[Plan, ...]:
@@ -124,30 +124,30 @@ def _plans(packed: Iterable[Packed]) -> tuple[Plan, ...]:
     return tuple(map(_today, plans.values()))
 
 
-def _today(kept: Plan) -> Plan:
+def _today(plan: Plan) -> Plan:
     try:
-        open_matrix.locate(kept.matrix)
+        open_matrix.locate(plan.matrix)
     except HarnessError:  # the matrix is not here
-        return kept
+        return plan
     try:
-        today = open_matrix.load(kept.matrix, lambda _: None, offline=True)
+        today = open_matrix.load(plan.matrix, lambda _: None, offline=True)
     except HarnessError as error:
-        tell(f"{kept.matrix} is judged as it was planned, not as its matrix is today: {error}")
-        return kept
-    if today.axes != kept.axes:  # another matrix of this name
-        return kept
-    asked = {cell.id: cell for cell in today.cells}
-    return replace(today, cells=tuple(_cell(asked.get(cell.id), cell) for cell in kept.cells))
+        tell(f"{plan.matrix} is judged as it was planned, not as its matrix is today: {error}")
+        return plan
+    if today.axes != plan.axes:  # another matrix of this name
+        return plan
+    cells_by_id = {cell.id: cell for cell in today.cells}
+    return replace(today, cells=tuple(_cell(cells_by_id.get(cell.id), cell) for cell in plan.cells))
 
 
-def _cell(today: Cell | None, kept: Cell) -> Cell:
+def _cell(today: Cell | None, cell: Cell) -> Cell:
     """Return a cell with its expectation of today, if it is still the same cell."""
-    if today and replace(today, expect=kept.expect, tried=kept.tried) == kept:
+    if today and replace(today, expect=cell.expect, tried=cell.tried) == cell:
         return today
-    return kept
+    return cell
 
 
-def _write(again: Again) -> None:
+def _write(again: JudgedReport) -> None:
     """Write the report anew, and its index if the document changed."""
     words = again.plans[0].page if len(again.plans) == 1 else None
     publishing.write(again.document, again.folder, None, words)
@@ -171,7 +171,7 @@ def _tell_untold(folder: Path) -> None:
     )
 
 
-def _altered(again: Again) -> Iterator[str]:
+def _altered(again: JudgedReport) -> Iterator[str]:
     """Yield a line for each change in a cell's result; nothing if there is no document before."""
     path = again.folder / NAME
     if again.unchanged or not path.is_file():
@@ -180,8 +180,8 @@ def _altered(again: Again) -> Iterator[str]:
     lines = []
     for cell in again.document.cells:
         old = before.get((cell.id, cell.machine))
-        said = ["not in the report"] if old is None else list(_differences(old, cell))
-        lines += [f"{cell.id}: {text}" for text in said]
+        changes = ["not in the report"] if old is None else list(_differences(old, cell))
+        lines += [f"{cell.id}: {text}" for text in changes]
     yield from lines or [f"{os.path.relpath(again.folder)}: titles, tables or words, and no cell"]
 
 

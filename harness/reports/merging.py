@@ -26,7 +26,7 @@ from harness.reports.tables import change_effects
 MARK = re.compile(r"~[0-9a-f]{8}(?=(?:\.[^./]*)?$)")
 """What tells files of one name and several contents apart."""
 
-ASKED = ("matrix", "axes", "requested_python", "environment", "expectation")
+DEFINING_FIELDS = ("matrix", "axes", "requested_python", "environment", "expectation")
 """What a cell is; two reports that differ in it were made of two states of a matrix."""
 
 
@@ -38,7 +38,7 @@ class Source:
     document: Document
 
 
-def united(sources: Sequence[Source]) -> Document:
+def merge(sources: Sequence[Source]) -> Document:
     """Merge several documents into one. Raises BadInput if they answer different questions."""
     _check_alike(sources)
     documents = [source.document for source in sources]
@@ -48,7 +48,7 @@ def united(sources: Sequence[Source]) -> Document:
     return Document(
         generated=generated,
         machines=_machines(documents),
-        cells=change_effects.proven(cells),
+        cells=change_effects.mark_proven(cells),
         dropped=tuple(_dropped(documents, planned)),
         matrices={name: matrix for made in documents for name, matrix in made.matrices.items()},
         stale=_stale(documents, cells, planned, generated),
@@ -63,9 +63,9 @@ def _cells(documents: Iterable[Document]) -> list[CellEntry]:
     """Return the best entry of each cell on each machine; a cell that nobody ran has one entry, without a machine."""
     best: dict[str, dict[str, CellEntry]] = {}
     orders: dict[str, set[tuple[str, ...]]] = {}
-    for made in documents:
+    for report in documents:
         listed: dict[str, dict[str, None]] = {}
-        for entry in made.cells:
+        for entry in report.cells:
             listed.setdefault(entry.matrix, {})[entry.id] = None
             unrun = entry.verdict is Verdict.NOT_RUN and not entry.measured
             cell = msgspec.structs.replace(entry, machine=None) if unrun else entry
@@ -79,14 +79,14 @@ def _cells(documents: Iterable[Document]) -> list[CellEntry]:
 
 def _worth(cell: CellEntry) -> tuple[bool, bool, str, bool, bytes]:
     """Return a sort key: the greatest entry is kept. The content decides if nothing else does."""
-    told, ran = cell.verdict not in UNTOLD, cell.verdict is not Verdict.NOT_RUN
+    conclusive, ran = cell.verdict not in UNTOLD, cell.verdict is not Verdict.NOT_RUN
     content = msgspec.json.encode(cell, order="deterministic")
-    return told, ran, cell.measured or "", not cell.reused, content
+    return conclusive, ran, cell.measured or "", not cell.reused, content
 
 
-def _counts(entry: CellEntry, known: Mapping[str, CellEntry]) -> bool:
+def _counts(entry: CellEntry, entries: Mapping[str, CellEntry]) -> bool:
     """Return whether an entry is listed: one without a machine only if no machine ran the cell."""
-    return bool(entry.machine) or len(known) == 1
+    return bool(entry.machine) or len(entries) == 1
 
 
 def _ordered(orders: set[tuple[str, ...]]) -> list[str]:
@@ -106,34 +106,36 @@ def natural(name: str) -> tuple[list[str | int], str]:
 
 def _dropped(documents: Iterable[Document], planned: set[str]) -> list[DroppedEntry]:
     """Return the combinations that were left out, except those that some report has as a cell."""
-    known: dict[str, DroppedEntry] = {}
+    entries: dict[str, DroppedEntry] = {}
     orders = set()
-    for made in documents:
-        gone = [entry for entry in made.dropped if entry.id not in planned]
+    for report in documents:
+        gone = [entry for entry in report.dropped if entry.id not in planned]
         orders |= {tuple(entry.id for entry in gone)} - {()}
         for entry in gone:
-            known[entry.id] = min(known.get(entry.id, entry), entry, key=lambda one: (one.reason, one.count))
-    return [known[name] for name in (_ordered(orders) if orders else ())]
+            entries[entry.id] = min(
+                entries.get(entry.id, entry), entry, key=lambda candidate: (candidate.reason, candidate.count)
+            )
+    return [entries[name] for name in (_ordered(orders) if orders else ())]
 
 
 def _machines(documents: Iterable[Document]) -> dict[str, dict[str, Any]]:
     """Return the facts of each class of machines in which all of its machines agree."""
-    found: dict[str, list[dict[str, Any]]] = {}
-    for made in documents:
-        for name, facts in made.machines.items():
-            found.setdefault(name, []).append(facts)
-    return {name: reduce(_common, facts) for name, facts in sorted(found.items())}
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for report in documents:
+        for name, facts in report.machines.items():
+            groups.setdefault(name, []).append(facts)
+    return {name: reduce(_common, facts) for name, facts in sorted(groups.items())}
 
 
-def _common(one: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
-    return {name: fact for name, fact in one.items() if name in other and other[name] == fact}
+def _common(facts: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
+    return {name: fact for name, fact in facts.items() if name in other and other[name] == fact}
 
 
 def _stale(documents: Iterable[Document], cells: Iterable[CellEntry], planned: set[str], today: str) -> tuple[str, ...]:
     """Return sentences about stale expectations: of the matrices, and of the merged cells, not as a shard saw them."""
-    said = {text for made in documents for text in made.stale if text.partition(" ")[0] not in planned}
+    sentences = {text for made in documents for text in made.stale if text.partition(" ")[0] not in planned}
     of_cells = {outdated(cell.id, cell.verdict, cell.expectation, today) for cell in cells if cell.expectation}
-    return tuple(sorted(said | {text for text in of_cells if text}, key=natural))
+    return tuple(sorted(sentences | {text for text in of_cells if text}, key=natural))
 
 
 # --- whether they belong together ------------------------------------------------------------------------------
@@ -141,10 +143,10 @@ def _stale(documents: Iterable[Document], cells: Iterable[CellEntry], planned: s
 
 def _check_alike(sources: Iterable[Source]) -> None:
     """Refuse reports that answer different questions or were measured in different ways. Raises BadInput."""
-    known: dict[tuple[str, str], tuple[str, Any]] = {}
+    definitions: dict[tuple[str, str], tuple[str, Any]] = {}
     for source in sources:
-        for (what, of), value in _said(source.document):
-            before, other = known.setdefault((what, of), (source.name, value))
+        for (what, of), value in _list_definitions(source.document):
+            before, other = definitions.setdefault((what, of), (source.name, value))
             if value != other:
                 cause, remedy = (
                     ("by another simmatrix", "one version of it")
@@ -158,10 +160,10 @@ def _check_alike(sources: Iterable[Source]) -> None:
                 raise BadInput(message)
 
 
-def _said(made: Document) -> Iterator[tuple[tuple[str, str], Any]]:
+def _list_definitions(report: Document) -> Iterator[tuple[tuple[str, str], Any]]:
     """Yield the facts in which reports must agree: of each cell its definition, of each matrix its axes."""
-    for cell in made.cells:
-        yield from (((name, cell.id), getattr(cell, name)) for name in ASKED)
+    for cell in report.cells:
+        yield from (((name, cell.id), getattr(cell, name)) for name in DEFINING_FIELDS)
         if cell.requirements:
             yield ("requirements", cell.id), cell.requirements
         if cell.asked:
@@ -170,9 +172,9 @@ def _said(made: Document) -> Iterator[tuple[tuple[str, str], Any]]:
             yield ("state of the subject", cell.id), (cell.subject.commit, cell.subject.changed)
         if cell.cases:
             yield ("cases", cell.id), [(case.case, case.env, case.api) for case in cell.cases]
-    yield from ((("axes", name), (matrix.axes, matrix.shown)) for name, matrix in made.matrices.items())
-    yield from ((("snapshot", name), matrix.snapshot) for name, matrix in made.matrices.items())
-    yield from ((("probes", name), probe) for name, probe in made.probes.items())
+    yield from ((("axes", name), (matrix.axes, matrix.shown)) for name, matrix in report.matrices.items())
+    yield from ((("snapshot", name), matrix.snapshot) for name, matrix in report.matrices.items())
+    yield from ((("probes", name), probe) for name, probe in report.probes.items())
 
 
 # --- files -----------------------------------------------------------------------------------------------------
@@ -183,9 +185,9 @@ def token(path: str, content: str) -> str:
     return f"{MARK.sub('', path)}\0{content}"
 
 
-def tokened(made: Document, tokens: Mapping[str, str]) -> Document:
+def replace_paths(report: Document, tokens: Mapping[str, str]) -> Document:
     """Return the document with tokens for paths; a path whose token is the empty text is removed."""
-    moved = document.moved(made, lambda path: tokens[path])
+    moved = document.relocate(report, lambda path: tokens[path])
     return msgspec.structs.replace(moved, cells=tuple(_without_missing(cell) for cell in moved.cells))
 
 
@@ -201,17 +203,17 @@ def _without_missing(cell: CellEntry) -> CellEntry:
     return msgspec.structs.replace(cell, lock=cell.lock or None, evidence=cell.evidence or None, cases=cases)
 
 
-def placed(made: Document) -> tuple[Document, dict[str, str]]:
+def assign_paths(report: Document) -> tuple[Document, dict[str, str]]:
     """Return the document with paths for tokens, and the path of each token: equal files are stored once."""
     contents: dict[str, list[str]] = {}
-    for known in sorted(document.paths(made)):
+    for known in sorted(document.paths(report)):
         contents.setdefault(known.partition("\0")[0], []).append(known)
     names = {
         known: path if len(tokens) == 1 else _marked(path, known.partition("\0")[2])
         for path, tokens in contents.items()
         for known in tokens
     }
-    return document.moved(made, lambda known: names[known]), names
+    return document.relocate(report, lambda path_token: names[path_token]), names
 
 
 def _marked(path: str, content: str) -> str:

@@ -62,16 +62,16 @@ class Index(msgspec.Struct, frozen=True, kw_only=True):
 
 def write(packed: Packed, state: Path, folder: Path) -> dict[str, str]:
     """Write the packs of a report into its folder, and return their hashes by name."""
-    found = {}
+    hashes = {}
     bare = msgspec.structs.replace(packed, records=tuple(map(_bare, packed.records)))
     for number, content in enumerate(_packs(bare, state)):
         name = PACK.format(f"-{number + 1}" if number else "")
         write_changed(folder / name, content)
-        found[name] = sha256(content)
+        hashes[name] = sha256(content)
     for path in folder.glob(PACK.format("*")):
-        if path.name not in found:
+        if path.name not in hashes:
             path.unlink()
-    return found
+    return hashes
 
 
 def write_index(folder: Path, index: Index) -> None:
@@ -87,8 +87,8 @@ def sha256(content: bytes) -> str:
 
 def runs(record: CellRecord) -> tuple[str, ...]:
     """Return the probe runs that a cell was judged by."""
-    found = [name for one in record.cases for name in one.runs]
-    return tuple(dict.fromkeys([*found, *(record.suite.runs if record.suite else ())]))
+    names = [name for one in record.cases for name in one.runs]
+    return tuple(dict.fromkeys([*names, *(record.suite.runs if record.suite else ())]))
 
 
 def _packs(packed: Packed, state: Path) -> Iterator[bytes]:
@@ -113,12 +113,12 @@ def _bare(record: CellRecord) -> CellRecord:
 
 def _members(packed: Packed, state: Path) -> dict[str, bytes]:
     vault = Vault(state)
-    found = {CELLS: msgspec.json.encode(packed, order="deterministic")}
+    files = {CELLS: msgspec.json.encode(packed, order="deterministic")}
     for record in packed.records:
-        found |= _logs(record, state)
+        files |= _logs(record, state)
         for name in runs(record):
-            found |= {f"{CONTENTS}/{sha}": content for sha, content in vault.contents(name).items()}
-    return found
+            files |= {f"{CONTENTS}/{sha}": content for sha, content in vault.contents(name).items()}
+    return files
 
 
 def _logs(record: CellRecord, state: Path) -> dict[str, bytes]:
@@ -128,12 +128,12 @@ def _logs(record: CellRecord, state: Path) -> dict[str, bytes]:
     tests = [record.suite.evidence] if record.suite and not record.suite.runs else []
     places = [state / path for path in (*steps, *phases, *tests) if path]
     files = [file for place in places for file in (sorted(place.iterdir()) if place.is_dir() else [place])]
-    found = {}
+    logs = {}
     for file in files:
         name = file.relative_to(state).as_posix()
         if NAME.fullmatch(name) and file.suffix in {".log", ".txt", ".jsonl"} and file.is_file():
-            found[name] = guarded_files.head(file, MOST_FILE)
-    return found
+            logs[name] = guarded_files.head(file, MOST_FILE)
+    return logs
 
 
 def _archive(members: Mapping[str, bytes]) -> bytes:
@@ -159,7 +159,7 @@ def index(folder: Path) -> Index | None:
     """Return the index of a report, or None if it has none. Raises BadInput."""
     path = folder / INDEX
     try:
-        return guarded_files.decoded(path, MOST_INDEX, guarded_files.decoder(Index).decode, follow=True)
+        return guarded_files.read_decoded(path, MOST_INDEX, guarded_files.decoder(Index).decode, follow=True)
     except Absent:
         return None
     except Unreadable as error:
@@ -167,22 +167,22 @@ def index(folder: Path) -> Index | None:
         raise BadInput(message) from None
 
 
-def unpack(folder: Path, known: Index, state: Path) -> tuple[Packed, ...]:
+def unpack(folder: Path, report_index: Index, state: Path) -> tuple[Packed, ...]:
     """Unpack the evidence of a report into a state folder, and return the cells in its packs.
 
     Raises BadInput for a pack that is damaged, or gone.
     """
-    found = tuple(_unpacked(folder / name, sha, state) for name, sha in known.packs.items())
+    packs = tuple(_unpacked(folder / name, sha, state) for name, sha in report_index.packs.items())
     vault = Vault(state)
     for path in sorted((folder / "frames").glob(f"*{PICTURE}")):
         vault.keep(guarded_files.read(path, MOST_FRAME))
     for path in sorted((folder / "locks").glob("*")):
         write_atomic(state / "locks" / path.name, guarded_files.read(path, MOST_FRAME))
-    for packed in found:
+    for packed in packs:
         for record in packed.records:
             for name in runs(record):
                 vault.show(name)
-    return found
+    return packs
 
 
 def _unpacked(path: Path, sha: str, state: Path) -> Packed:
@@ -195,27 +195,27 @@ def _unpacked(path: Path, sha: str, state: Path) -> Packed:
             message = "it is not the pack that the index names"
             raise Unreadable(message)
         with understanding():
-            return _laid(content, state)
+            return _extract(content, state)
     except Unreadable as error:
         message = f"{path}: {error}"
         raise BadInput(message) from None
 
 
-def _laid(content: bytes, state: Path) -> Packed:
-    vault, told = Vault(state), None
+def _extract(content: bytes, state: Path) -> Packed:
+    vault, packed = Vault(state), None
     for name, member in members(content):
         if name == CELLS:
-            told = guarded_files.decoder(Packed).decode(member)
+            packed = guarded_files.decoder(Packed).decode(member)
         elif name.startswith(CONTENTS):
             if vault.keep(member) != name.rpartition("/")[2]:
                 message = f"{name} is not the content of that name"
                 raise Unreadable(message)
         else:
             write_atomic(state / name, member)
-    if told is None:
+    if packed is None:
         message = f"there is no {CELLS} in it"
         raise Unreadable(message)
-    return told
+    return packed
 
 
 def members(content: bytes) -> Iterable[tuple[str, bytes]]:

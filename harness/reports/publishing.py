@@ -25,7 +25,7 @@ from harness.machine.store import Store
 from harness.matrix import changes
 from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
-from harness.model.report_types import Document, number
+from harness.model.report_types import Document, format_count
 from harness.probes import launch
 from harness.reports import document, freshness, packs
 from harness.reports.tables import tables
@@ -70,14 +70,14 @@ def kinds(text: str) -> tuple[str, ...]:
 def headline(record: CellRecord) -> str:
     """Return one line about a finished cell, for the progress display."""
     judged = assess(record)
-    told = f" in {judged.phase}" if judged.phase and judged.verdict is not Verdict.UNAVAILABLE else ""
+    where = f" in {judged.phase}" if judged.phase and judged.verdict is not Verdict.UNAVAILABLE else ""
     note = " (reused)" if record.reused else f" ({record.seconds:.1f} s)"
     if record.cell.asked and unregistered(record):
         return f"no such environment{note}"
-    return f"{judged.verdict}{told}{note}"
+    return f"{judged.verdict}{where}{note}"
 
 
-class Published(NamedTuple):
+class PublishedReport(NamedTuple):
     """A report and its folder; `tables` is set if it was just made, `trouble` if it could not be written."""
 
     folder: Path
@@ -88,81 +88,81 @@ class Published(NamedTuple):
 
 def publish(
     plans: Sequence[Plan], measured: Mapping[str, CellRecord], opened: Store, wanted: Wanted
-) -> list[Published]:
+) -> list[PublishedReport]:
     """Write the report of each matrix from new records (`measured`, by cell id), and earlier ones for other cells."""
     here = this_machine.facts()
-    made: list[Published] = []
+    reports: list[PublishedReport] = []
     for plan in plans:
         folder = wanted.out or opened.folder / "reports"
         folder = folder if wanted.out and len(plans) == 1 else folder / plan.matrix
         with exclusive(opened.folder / "reports" / f"{plan.matrix}.lock"):  # the last of several runs sees all cells
             others = [] if wanted.alone else [cell for cell in plan.cells if cell.id not in measured]
-            before = {cell.id: kept(opened, here.id, cell) for cell in others}
-            known = [found for cell in plan.cells if (found := measured.get(cell.id) or before.get(cell.id))]
+            before = {cell.id: load_record(opened, here.id, cell) for cell in others}
+            records = [record for cell in plan.cells if (record := measured.get(cell.id) or before.get(cell.id))]
             used, note = probes(plan), opened.folder / "reports" / f"{plan.matrix}.note"
-            made_of = freshness.mark(plan, known, here, folder, (used, wanted.pivot))
+            made_of = freshness.mark(plan, records, here, folder, (used, wanted.pivot))
             report, shown = freshness.read(note, made_of, folder), None
             if report is None:
                 facts, causes = {here.id: here.facts}, shipped_signatures.beside(opened.folder)
-                making = partial(document.build, known, [plan], facts, store.now(), probes=used, known=causes)
+                making = partial(document.build, records, [plan], facts, store.now(), probes=used, known=causes)
                 try:
-                    report = making(locate=place(known, opened, folder))
+                    report = making(locate=place(records, opened, folder))
                     shown = write(report, folder, wanted.pivot, plan.page)
                     if wanted.out:
-                        pack(report, plan, known, opened, folder)
+                        pack(report, plan, records, opened, folder)
                     freshness.keep(note, made_of, folder)
                 except OSError as error:  # a full disk loses nobody the table of what was measured
                     trouble = in_the_way(error)
                     if trouble is None:
                         raise
                     report = making(locate=seen_from(folder, opened.folder))
-                    made.append(Published(folder, report, tables.report(report, wanted.pivot), trouble))
+                    reports.append(PublishedReport(folder, report, tables.report(report, wanted.pivot), trouble))
                     continue
-        made.append(Published(folder, report, shown))
-    return made
+        reports.append(PublishedReport(folder, report, shown))
+    return reports
 
 
 def pack(report: Document, plan: Plan, records: Iterable[CellRecord], opened: Store, folder: Path) -> None:
     """Store the evidence of a report beside it, so that it can be judged again without this state folder."""
     packed = packs.Packed(plans=(plan,), machines=report.machines, probes=dict(report.probes), records=tuple(records))
-    found = packs.write(packed, opened.folder, folder)
+    hashes = packs.write(packed, opened.folder, folder)
     sha = packs.sha256(document.encode(report))
-    packs.write_index(folder, packs.Index(judged=report.generated, report=sha, packs=found))
+    packs.write_index(folder, packs.Index(judged=report.generated, report=sha, packs=hashes))
 
 
 def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, wanted: Wanted) -> int:
     """Write the report of each matrix, print the table, and return the exit code of all."""
     measured = {record.cell.id: record for record in records}
-    made = publish(plans, measured, opened, wanted)
-    whole = document.combined([one.document for one in made])
+    reports = publish(plans, measured, opened, wanted)
+    whole = document.combined([one.document for one in reports])
     if wanted.json:
-        here_now = [document.moved(one.document, seen_from_here(one.folder)) for one in made]
+        here_now = [document.relocate(one.document, seen_from_here(one.folder)) for one in reports]
         print_json(document.encode(document.combined(here_now)))
     else:
-        shown = made[0].tables if len(made) == 1 else None
+        shown = reports[0].tables if len(reports) == 1 else None
         terminal.show(shown or tables.report(whole, wanted.pivot))
         print(_closing(list(measured.values())))
-        for one in made:
-            if one.trouble is None:
-                print(f"report: {os.path.relpath(one.folder)}")
-            for line in _suites_not_run(one.document):
+        for report in reports:
+            if report.trouble is None:
+                print(f"report: {os.path.relpath(report.folder)}")
+            for line in _suites_not_run(report.document):
                 print(line)
     code = document.exit_code(document.only(whole, measured) if wanted.alone else whole, wanted.fail_on)
-    troubles = [one.trouble for one in made if one.trouble]
+    troubles = [one.trouble for one in reports if one.trouble]
     for trouble in troubles:
         print(f"simmatrix: the report is not written: {trouble}; mend that and type the same again", file=sys.stderr)
     return code or (CouldNotTell.exit_code if troubles else 0)
 
 
-def _suites_not_run(made: Document) -> Iterator[str]:
+def _suites_not_run(report: Document) -> Iterator[str]:
     """Yield the reasons why tests could not be run, each once, with the known cause and its remedy."""
-    suites = [cell.suite for cell in made.cells if cell.suite and cell.suite.not_run]
+    suites = [cell.suite for cell in report.cells if cell.suite and cell.suite.not_run]
     for why, count in Counter(suite.decisive for suite in suites).items():
         first = next(suite for suite in suites if suite.decisive == why)
-        yield f"tests not run in {number(count, 'cell')}, where the verdict is that of the cases alone: {why}"
-        for found in (first.diagnoses or ())[:1]:
-            yield f"  cause: {found.cause} (known as {found.signature})"
-            yield f"  remedy: {changes.in_words(found.remedy)}"
+        yield f"tests not run in {format_count(count, 'cell')}, where the verdict is that of the cases alone: {why}"
+        for diagnosis in (first.diagnoses or ())[:1]:
+            yield f"  cause: {diagnosis.cause} (known as {diagnosis.signature})"
+            yield f"  remedy: {changes.in_words(diagnosis.remedy)}"
 
 
 def place(records: Iterable[CellRecord], opened: Store, folder: Path) -> document.Locate:
@@ -209,14 +209,14 @@ def page(report: Report) -> str:
     return report_markdown.markdown(report, read_template(report_markdown.TEMPLATE))
 
 
-def kept(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:
+def load_record(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:
     """Return the earlier record of a cell if it is still the same cell.
 
     Its expectation, and why it is tried, may have changed.
     """
-    found = opened.load_cell(machine_id, cell)
-    if found and replace(found.cell, expect=cell.expect, tried=cell.tried) == cell:
-        return replace(found, cell=cell, reused=True)
+    record = opened.load_cell(machine_id, cell)
+    if record and replace(record.cell, expect=cell.expect, tried=cell.tried) == cell:
+        return replace(record, cell=cell, reused=True)
     return None
 
 
@@ -251,21 +251,21 @@ class _Files:
     def _copy(self, path: str | None, name: str | None) -> None:
         if path is None or name is None or path in self.placed:
             return
-        if name in self.there or carry(f"{self.opened.folder}/{path}", f"{self.folder}/{name}"):
+        if name in self.there or copy_file(f"{self.opened.folder}/{path}", f"{self.folder}/{name}"):
             self.there.add(name)
             self.placed[path] = name
 
 
-def carry(source: str | Path, target: str | Path) -> bool:
+def copy_file(source: str | Path, target: str | Path) -> bool:
     """Copy a file, or the text files of a folder; return False if there is nothing to copy."""
     try:
         there = os.stat(source)  # noqa: PTH116 - thousands of files
     except OSError:
         return False
     if S_ISDIR(there.st_mode):
-        with os.scandir(source) as found:
-            texts = sorted(entry.name for entry in found if entry.name.endswith((".jsonl", ".log", ".txt")))
-        return bool([carry(f"{source}/{text}", f"{target}/{text}") for text in texts])
+        with os.scandir(source) as entries:
+            texts = sorted(entry.name for entry in entries if entry.name.endswith((".jsonl", ".log", ".txt")))
+        return bool([copy_file(f"{source}/{text}", f"{target}/{text}") for text in texts])
     if not _same(there, target):
         store.write_atomic(Path(target), Path(source).read_bytes())
         os.utime(target, ns=(there.st_atime_ns, there.st_mtime_ns))  # by which the next report knows it
@@ -298,4 +298,4 @@ def _closing(records: Sequence[CellRecord]) -> str:
     reused = sum(record.reused for record in records)
     if reused == len(records):
         return f"nothing to do: all {reused} cells were measured before, under the same keys"
-    return f"{number(len(records) - reused, 'cell')} measured, {reused} reused"
+    return f"{format_count(len(records) - reused, 'cell')} measured, {reused} reused"

@@ -39,8 +39,8 @@ def renew(file: Path, make: Make) -> int:
 def renewed(text: str, folder: Path, make: Make) -> str:
     """Return a text that lies in a folder, with its blocks made again."""
 
-    def block(found: re.Match[str]) -> str:
-        pivot = (found["down"], found["across"]) if found["down"] else None
-        return f"{found['first']}\n\n{make(folder / found['source'], pivot)}\n<!-- end -->"
+    def block(match: re.Match[str]) -> str:
+        pivot = (match["down"], match["across"]) if match["down"] else None
+        return f"{match['first']}\n\n{make(folder / match['source'], pivot)}\n<!-- end -->"
 
     return BLOCK.sub(block, text)

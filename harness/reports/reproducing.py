@@ -21,9 +21,9 @@ def script(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) -
     """Return the script, or None if there is none that everybody could run."""
     imports = [f"import {name}" for name in case.imports]
     if phase is Phase.IMPORT:
-        known = [f"import {name}" for name in IMPORTED.get(case.api, (case.api,))]
+        api_imports = [f"import {name}" for name in IMPORTED.get(case.api, (case.api,))]
         own = [f"import {prefix}" for prefix in [_module(case)] if prefix]
-        return _joined(list(dict.fromkeys([*imports, *known, *own])))
+        return _joined(list(dict.fromkeys([*imports, *api_imports, *own])))
     make = WAYS.get(case.api)
     lines = make(case, phase, check, installed) if make and case.env else None
     return _joined([*imports, *lines]) if lines else None
@@ -70,12 +70,12 @@ def _gymnasium(case: Case, phase: Phase, check: str, installed: Mapping[str, str
 
 
 def _vector(case: Case, check: str, *, modern: bool) -> list[str]:
-    made = f'env = {case.api}.make("{_named(case)}"{_arguments(case.kwargs)})'
-    lines = _vector_of(case.api, check, case.seed, [], made)
+    make_line = f'env = {case.api}.make("{_named(case)}"{_arguments(case.kwargs)})'
+    lines = _vector_of(case.api, check, case.seed, [], make_line)
     return lines if modern else [line.replace(f"reset(seed={case.seed})", "reset()") for line in lines]
 
 
-def _vector_of(library: str, check: str, seed: int, imports: list[str], made: str) -> list[str]:
+def _vector_of(library: str, check: str, seed: int, imports: list[str], make_line: str) -> list[str]:
     """Return lines that run two environments as one, in this process or in workers."""
     kind = "SyncVectorEnv" if check == "vector.sync" else "AsyncVectorEnv"
     method = check.rpartition(".")[2]
@@ -87,7 +87,7 @@ def _vector_of(library: str, check: str, seed: int, imports: list[str], made: st
         "",
         "",
         "def make():",
-        f"    {made}",
+        f"    {make_line}",
         f"    return {'GymWrapper(env)' if imports else 'env'}",
         "",
         "",
@@ -188,12 +188,12 @@ def _brax(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) ->
     if phase not in {Phase.SINGLE, Phase.RENDER, Phase.VECTOR}:
         return None
     name, batch = _named(case), phase is Phase.VECTOR
-    made = f'create("{name}", batch_size=2' if batch else f'get_environment("{name}"'
+    call = f'create("{name}", batch_size=2' if batch else f'get_environment("{name}"'
     lines = [
         "import jax",
         "from brax import envs",
         "",
-        f"env = envs.{made}{_arguments(case.kwargs)})",
+        f"env = envs.{call}{_arguments(case.kwargs)})",
         f"state = jax.jit(env.reset)(jax.random.PRNGKey({case.seed}))",
         "step = jax.jit(env.step)",
         f"for _ in range({case.steps if phase is Phase.SINGLE else 10}):",

@@ -23,7 +23,7 @@ from harness.reports import redacting, reproducing
 from harness.reports.tables.counted_failures import counted
 from harness.reports.tables.tables import settings
 from harness.reports.text.markdown_texts import address, block, code, prose, table_cell
-from harness.standalone.control_characters import visible
+from harness.standalone.control_characters import strip_controls
 
 LONGEST = 60
 """Lines of a traceback that are quoted, the last ones."""
@@ -73,18 +73,24 @@ class Failing:
 
 def issue(failing: Failing) -> str:
     """Return the report as Markdown."""
-    parts = [_title(failing), *_what(failing), *_known(failing), *_versions(failing), *_again(failing), *_lock(failing)]
-    return visible("\n\n".join(parts) + "\n")
+    parts = [
+        _title(failing),
+        *_what(failing),
+        *_describe_cause(failing),
+        *_versions(failing),
+        *_again(failing),
+        *_lock(failing),
+    ]
+    return strip_controls("\n\n".join(parts) + "\n")
 
 
 def _title(failing: Failing) -> str:
     """Return the title: the packages that were asked for, and the decisive line."""
     installed = failing.entry.installed or {}
-    names = [name for name in failing.cell.axes if name in installed] or list(_asked(failing))[:3]
-    told = ", ".join(f"{name} {installed[name]}" for name in names if name in installed)
-    return (
-        f"# {prose(told or ', '.join(failing.cell.question.requirements))}: {prose(failing.entry.decisive or 'fails')}"
-    )
+    names = [name for name in failing.cell.axes if name in installed] or list(_required_packages(failing))[:3]
+    versions = ", ".join(f"{name} {installed[name]}" for name in names if name in installed)
+    title = versions or ", ".join(failing.cell.question.requirements)
+    return f"# {prose(title)}: {prose(failing.entry.decisive or 'fails')}"
 
 
 def _what(failing: Failing) -> Iterator[str]:
@@ -113,7 +119,7 @@ def _outcome(failing: Failing) -> str:
     return str(failing.entry.phases.get(failing.phase, "failed"))
 
 
-def _known(failing: Failing) -> Iterator[str]:
+def _describe_cause(failing: Failing) -> Iterator[str]:
     """Yield the deepest known cause, and its remedy if that was proven."""
     deepest = next(iter(counted(failing.entry)), None)
     if deepest is None:
@@ -123,8 +129,8 @@ def _known(failing: Failing) -> Iterator[str]:
     yield from [_remedy(deepest)] if deepest.proof else []
 
 
-def _remedy(found: DiagnosisEntry) -> str:
-    return f"With this change alone, and all else as below, it works (measured): {changes.in_words(found.remedy)}"
+def _remedy(diagnosis: DiagnosisEntry) -> str:
+    return f"With this change alone, and all else as below, it works (measured): {changes.in_words(diagnosis.remedy)}"
 
 
 # --- versions --------------------------------------------------------------------------------------------------
@@ -133,7 +139,7 @@ def _remedy(found: DiagnosisEntry) -> str:
 def _versions(failing: Failing) -> Iterator[str]:
     entry, installed = failing.entry, failing.entry.installed or {}
     rows = [("Python", entry.python or entry.requested_python), *_machine(failing.machine)]
-    rows += [(name, installed[name]) for name in _mattering(failing) if name in installed]
+    rows += [(name, installed[name]) for name in _relevant_packages(failing) if name in installed]
     drawn = next((case.drawn for case in entry.cases if case.drawn), {})
     rows += [("drawn by", ", ".join(drawn[part] for part in ("api", "renderer", "version") if part in drawn))]
     rows += [(name, _shown(name, value)) for name, value in _variables(failing).items()]
@@ -150,19 +156,19 @@ def _machine(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "GPU", ", ".join(str(gpu[name]) for name in ("models", "driver") if gpu.get(name)) or "none"
 
 
-def _asked(failing: Failing) -> tuple[str, ...]:
+def _required_packages(failing: Failing) -> tuple[str, ...]:
     question = failing.cell.question
     return tuple(dict.fromkeys(map(required_name, (*question.requirements, *question.constraints))))
 
 
-def _mattering(failing: Failing) -> tuple[str, ...]:
+def _relevant_packages(failing: Failing) -> tuple[str, ...]:
     """Return the packages that were asked for, and those in the traceback or in the decisive line."""
     installed = failing.entry.installed or {}
     modules = {name.replace("-", "_"): name for name in installed}
     seen = [modules.get(top.lower(), "") for text in failing.texts.values() for top in TOP.findall(text)]
     named = re.findall(r"[A-Za-z][\w-]+", failing.entry.decisive or "")
-    said = [str(canonicalize_name(name)) for name in named if canonicalize_name(name) in installed]
-    return tuple(dict.fromkeys((*failing.cell.axes, *_asked(failing), *filter(None, seen), *said)))
+    mentions = [str(canonicalize_name(name)) for name in named if canonicalize_name(name) in installed]
+    return tuple(dict.fromkeys((*failing.cell.axes, *_required_packages(failing), *filter(None, seen), *mentions)))
 
 
 def _variables(failing: Failing) -> dict[str, str]:
@@ -192,12 +198,14 @@ def _again(failing: Failing) -> Iterator[str]:
     if case and not own:
         script = reproducing.script(case, failing.phase, failing.check, failing.entry.installed or {})
     variables = _variables(failing)
-    said = [f"{name}={shlex.quote(_shown(name, value))}" for name, value in variables.items() if name != "DISPLAY"]
+    assignments = [
+        f"{name}={shlex.quote(_shown(name, value))}" for name, value in variables.items() if name != "DISPLAY"
+    ]
     display = ["xvfb-run"] if variables.get("DISPLAY") == "virtual" else []
     if script is None:
         yield f"## To reproduce\n\n{commands}\n\n{NO_SCRIPT}"
         return
-    lines.append(" ".join([*said, *display, "repro/bin/python repro.py"]))
+    lines.append(" ".join([*assignments, *display, "repro/bin/python repro.py"]))
     where = " the lock at the end of this report as `requirements.txt` and" if failing.lock else ""
     yield f"## To reproduce\n\nWith{where} this as `repro.py`:\n\n{block(script.rstrip(), 'python')}"
     yield block("\n".join(lines), "sh")
@@ -225,9 +233,9 @@ def _lock(failing: Failing) -> Iterator[str]:
         )
     else:
         question = failing.cell.question
-        asked = [*question.requirements, *(f"{line}  # constraint" for line in question.constraints)]
-        asked += [f"{line}  # override" for line in question.overrides]
-        listed = block("\n".join(asked))
+        lines = [*question.requirements, *(f"{line}  # constraint" for line in question.constraints)]
+        lines += [f"{line}  # override" for line in question.overrides]
+        listed = block("\n".join(lines))
         yield f"Asked for:\n\n{listed}"
 
 
@@ -237,11 +245,11 @@ def _lock(failing: Failing) -> Iterator[str]:
 def excerpt(texts: Mapping[str, str], check: str, decisive: str | None) -> str:
     """Return the traceback of a check that ends in the decisive line, without our frames; else the log around it."""
     replies = [text for name, text in texts.items() if name.endswith(".jsonl")]
-    found = [cleaned(text) for reply in replies for text in _tracebacks(reply, check)]
+    tracebacks = [clean_traceback(text) for reply in replies for text in _tracebacks(reply, check)]
     kind = (decisive or "").partition(":")[0]
-    telling = [text for text in found if kind and any(line.startswith(kind) for line in text.splitlines()[-4:])]
-    if found:
-        return (telling or found)[0]
+    telling = [text for text in tracebacks if kind and any(line.startswith(kind) for line in text.splitlines()[-4:])]
+    if tracebacks:
+        return (telling or tracebacks)[0]
     logs = [text for name, text in texts.items() if not name.endswith(".jsonl")]
     return FOLDERS.sub(r"…/\1/", "\n".join(_around(logs, decisive or "")))
 
@@ -251,26 +259,28 @@ def _tracebacks(text: str, check: str) -> Iterator[str]:
     for entry in plain_records(text):
         if entry.get("check", check) == check:
             workers = entry.get("workers")
-            told = [worker for worker in workers if isinstance(worker, dict)] if isinstance(workers, list) else []
-            for one in (*told, entry):
-                raised, observed = one.get("raised"), in_words(one.get("observed"))
+            worker_records = (
+                [worker for worker in workers if isinstance(worker, dict)] if isinstance(workers, list) else []
+            )
+            for record in (*worker_records, entry):
+                raised, observed = record.get("raised"), in_words(record.get("observed"))
                 if isinstance(raised, dict) and isinstance(raised.get("traceback"), str):
                     yield raised["traceback"]
-                elif observed and one.get("outcome") == Outcome.FAILED:
+                elif observed and record.get("outcome") == Outcome.FAILED:
                     yield f"{VIOLATION}: {observed}"
 
 
-def cleaned(traceback: str) -> str:
+def clean_traceback(traceback: str) -> str:
     """Return a traceback with shortened paths, without our frames and the standard library's that they call."""
-    kept, ours = [], False
+    lines, ours = [], False
     for line in traceback.splitlines():
         if line.lstrip().startswith('File "'):
             ours = bool(OURS.match(line)) or (ours and bool(LIBRARY.match(line)))
         elif not line.startswith("    "):
             ours = False
         if not ours:
-            kept.append(FOLDERS.sub(r"…/\1/", line))
-    return "\n".join(kept)
+            lines.append(FOLDERS.sub(r"…/\1/", line))
+    return "\n".join(lines)
 
 
 def _around(logs: Sequence[str], decisive: str) -> Sequence[str]:

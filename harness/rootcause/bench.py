@@ -15,11 +15,11 @@ from harness.machine import interpreters, process, this_machine
 from harness.machine.store import Store, cache_folder
 from harness.model import CASE_PHASES, Cell, CellRecord, ControlRecord, Outcome, Phase, Verdict
 from harness.running import shipped_signatures
-from harness.running.scheduler import Beside, Controlled, Observer, Runner, Settings, steps
+from harness.running.scheduler import ControlledRunner, Observer, QuietObserver, Runner, Settings, steps
 from harness.running.scheduler.shared_environment import Pool
 
 
-class Spent(Exception):
+class BudgetExhausted(Exception):
     """The runs or minutes that were allowed are used up."""
 
 
@@ -128,19 +128,19 @@ class Bench:
         began = monotonic()
         settings = replace(self.settings, until=Phase.SUITE) if whole else self.settings
         runner = self._runner if settings == self.settings else self._made(settings)
-        known = None if again else self._controlled(runner).known(cell)
-        if known is None:
+        stored_record = None if again else self._controlled(runner).known(cell)
+        if stored_record is None:
             self._within()
             runner = self._made(replace(settings, fresh=True)) if again else runner
             self.observer.started(cell)
             record = self._controlled(runner).measure(cell)
             self._note_built(runner)
         else:
-            record = known
+            record = stored_record
         if keep:
             self._runner.keep(record)
         self.observer.done(record)
-        trial = self._trial(record, began, at_hand=known is not None)
+        trial = self._trial(record, began, at_hand=stored_record is not None)
         self.trials.append(trial)
         return trial
 
@@ -151,7 +151,7 @@ class Bench:
 
     def _prepare(self, cell: Cell) -> None:
         if not process.stopped() and self._controlled(self._runner).known(cell) is None:
-            replace(self._runner, observer=Beside(self.observer)).prepare(cell)
+            replace(self._runner, observer=QuietObserver(self.observer)).prepare(cell)
 
     def stop_after(self, phase: Phase) -> None:
         """Ignore all phases after this one from now on."""
@@ -164,11 +164,15 @@ class Bench:
         if interpreter is None or cell.subject is not None:
             return False
         try:
-            lock, _ = steps.known(self._runner.lock(cell.question, interpreter))
+            lock, _ = steps.peek(self._runner.lock(cell.question, interpreter))
         except steps.Unknown:
             return False
-        kept = Pool(self._runner, cell, lock, interpreter).kept() if lock else None
-        return kept is not None and kept.key is not None and (cache_folder() / "environments" / kept.key).is_dir()
+        environment = Pool(self._runner, cell, lock, interpreter).kept() if lock else None
+        return (
+            environment is not None
+            and environment.key is not None
+            and (cache_folder() / "environments" / environment.key).is_dir()
+        )
 
     @property
     def runs(self) -> int:
@@ -183,20 +187,20 @@ class Bench:
     def _within(self) -> None:
         if self.bounds.runs is not None and self.runs >= self.bounds.runs:
             message = f"{self.bounds.runs} runs are used up"
-            raise Spent(message)
+            raise BudgetExhausted(message)
         if self.bounds.minutes is not None and monotonic() - self.began > self.bounds.minutes * 60:
             message = f"{self.bounds.minutes:g} minutes are used up"
-            raise Spent(message)
+            raise BudgetExhausted(message)
 
     def _made(self, settings: Settings) -> Runner:
-        return Runner(self.store, settings, Beside(self.observer))
+        return Runner(self.store, settings, QuietObserver(self.observer))
 
-    def _controlled(self, runner: Runner) -> Controlled:
-        return Controlled(runner, self._controls)
+    def _controlled(self, runner: Runner) -> ControlledRunner:
+        return ControlledRunner(runner, self._controls)
 
     def _note_built(self, runner: Runner) -> None:
-        made = {one.key for one in runner.environments.values() if not one.reused}
-        self.built |= made
+        keys = {one.key for one in runner.environments.values() if not one.reused}
+        self.built |= keys
 
     def _trial(self, record: CellRecord, began: float, *, at_hand: bool) -> Trial:
         assessed = assess(record, shipped_signatures.beside(self.store.folder))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import cache
 
 from harness.judging.runs.case import case_record, phases
-from harness.judging.runs.fold import MEASURED_AGAIN, REPEAT, Asked, Folded, after, fold, wanted_of
+from harness.judging.runs.fold import MEASURED_AGAIN, REPEAT, CasePlan, Folded, add_run, fold, wanted_of
 from harness.judging.runs.todo import todo
 from harness.machine import source_digests
 from harness.machine.store import digest
@@ -20,7 +20,7 @@ from harness.probes import program
 from harness.probes.evidence import Request
 from harness.probes.measure import Laboratory
 from harness.probes.wire import followers_of
-from harness.standalone.adapters import carried
+from harness.standalone.adapters import encode_declarations
 
 JUDGING = ("harness.judging.runs.case", "harness.judging.runs.todo")
 
@@ -44,42 +44,42 @@ class Context:
     measured: dict[str, tuple[str, ...]] = field(default_factory=dict)
     notify: Callable[[str], None] = lambda _: None
 
-    def asked(self, case: Case) -> Asked:
+    def asked(self, case: Case) -> CasePlan:
         """Return the checks that are wanted of a case, with the digests of their programs."""
         wanted = wanted_of(case.checks, self.until)
         checks = [check for names in wanted.values() for check in names]
         names = (*checks, *followers_of(checks), REPEAT)
-        known = {name: program.digest(case.api, name) for name in names}
-        return Asked(case=case, wanted=wanted, program=known, verify=self.verify)
+        digests = {name: program.digest(case.api, name) for name in names}
+        return CasePlan(case=case, wanted=wanted, program=digests, verify=self.verify)
 
 
 def run_case(context: Context, case: Case) -> CaseRecord:
     """Bring every phase of a case to an outcome, from stored runs where they exist."""
-    asked, key, new = context.asked(case), claim(context, case), set()
-    folded = _known(context, asked, key)
-    while request := todo(asked, folded):
+    case_plan, key, new = context.asked(case), claim(context, case), set()
+    folded = _fold_runs(context, case_plan, key)
+    while request := todo(case_plan, folded):
         _notify(context, request)
         name = context.laboratory.measure(request, key)
         new.add(name)
         context.measured[key] = (*context.measured.get(key, ()), name)
-        folded = after(asked, folded, context.laboratory.vault.reading(name))
-    return case_record(case, phases(asked, folded, frozenset(new)), folded.runs)
+        folded = add_run(case_plan, folded, context.laboratory.vault.reading(name))
+    return case_record(case, phases(case_plan, folded, frozenset(new)), folded.runs)
 
 
 def stored_case(context: Context, case: Case) -> CaseRecord | None:
     """Return the record of a case of which every phase is known; None where something has to be measured."""
-    asked = context.asked(case)
-    folded = _known(context, asked, claim(context, case))
-    return None if todo(asked, folded) else case_record(case, phases(asked, folded), folded.runs)
+    case_plan = context.asked(case)
+    folded = _fold_runs(context, case_plan, claim(context, case))
+    return None if todo(case_plan, folded) else case_record(case, phases(case_plan, folded), folded.runs)
 
 
-def _known(context: Context, asked: Asked, key: str) -> Folded:
+def _fold_runs(context: Context, case_plan: CasePlan, key: str) -> Folded:
     """Fold the stored runs that may be reused, and the runs of this process whatever their results; return the fold."""
     vault, mine = context.laboratory.vault, context.measured.get(key, ())
     before = () if context.fresh else [name for name in vault.runs(key) if name not in mine]
-    folded = fold(asked, vault.readings(before))
+    folded = fold(case_plan, vault.readings(before))
     folded = folded.reusable(context.laboratory.host.conditions, failed_too=not context.again)
-    return fold(asked, vault.readings(mine), folded)
+    return fold(case_plan, vault.readings(mine), folded)
 
 
 def _notify(context: Context, request: Request) -> None:
@@ -92,16 +92,16 @@ def mark(context: Context, cases: Iterable[Case], lock: str | None) -> str:
 
     The record of a cell is a memo of its judgement: other judging code judges the cell again.
     """
-    asked = [(case.id, case.required, _asked(case), _limits(case), case.checks) for case in cases]
+    case_keys = [(case.id, case.required, _case_inputs(case), _limits(case), case.checks) for case in cases]
     programs = [sorted(context.asked(case).program.items()) for case in cases]
     how = (context.verify, context.until, context.laboratory.host.conditions)
-    return digest("cell", context.identity, lock, asked, programs, how, _judging())
+    return digest("cell", context.identity, lock, case_keys, programs, how, _judging())
 
 
 @cache
 def _judging() -> tuple[str, ...]:
     """Identify the judging code: its sources, and the declarations of adapters."""
-    return *map(source_digests.digest, JUDGING), carried().decode()
+    return *map(source_digests.digest, JUDGING), encode_declarations().decode()
 
 
 def reusable(cases: Iterable[CaseRecord]) -> bool:
@@ -118,7 +118,7 @@ def claim(context: Context, case: Case) -> str:
 
     The in-cell program is no part of it: a run says which one it ran, check by check. Nor is anything that judges.
     """
-    return digest("case", context.identity, _asked(case), _limits(case))
+    return digest("case", context.identity, _case_inputs(case), _limits(case))
 
 
 def not_reached(case: Case) -> CaseRecord:
@@ -126,7 +126,7 @@ def not_reached(case: Case) -> CaseRecord:
     return case_record(case, {})
 
 
-def untold(case: Case, step: Step) -> CaseRecord:
+def inconclusive_record(case: Case, step: Step) -> CaseRecord:
     """Return the record of a case that could not be measured to its end, for a reason unrelated to packages."""
     first = next(iter(wanted_of(case.checks, CASE_PHASES[-1])), Phase.IMPORT)
     evidence = step.log and step.log.rpartition("/")[0]
@@ -138,7 +138,7 @@ def _limits(case: Case) -> tuple[object, ...]:
     return sorted(case.timeouts.items()), case.memory_mb
 
 
-def _asked(case: Case) -> tuple[object, ...]:
+def _case_inputs(case: Case) -> tuple[object, ...]:
     drawn = sorted((case.picture or {}).items())
     modules = (case.imports, case.providers, case.beside)
     return case.env, case.api, case.kwargs, modules, drawn, case.steps, case.seed

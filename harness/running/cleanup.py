@@ -20,7 +20,7 @@ from stat import S_ISDIR
 from time import time
 
 from harness.machine.files import file_locks, guarded_files
-from harness.machine.files.scratch_folders import removed
+from harness.machine.files.scratch_folders import remove_folder
 from harness.machine.store import MOST_RECORD
 from harness.model.hostile_data import Unreadable
 from harness.packages import uv_command
@@ -141,22 +141,22 @@ def _scratch(places: Places, now: float) -> Iterator[Item]:
     """Yield folders of this user that are a day old and that no living process mentions."""
     candidates = [*_folders(places.cache / "tmp"), *_folders(places.temporary, "simmatrix-*")]
     old = [path for path, status in candidates if now - status.st_mtime > DAY and status.st_uid == os.getuid()]
-    told = _told() if old else b""
+    process_texts = _read_process_texts() if old else b""
     for path in old:
-        if os.fsencode(path.name) not in told:
+        if os.fsencode(path.name) not in process_texts:
             yield _item(Kind.SCRATCH, path, waste=True)
 
 
-def _told() -> bytes:
+def _read_process_texts() -> bytes:
     """Return the command lines, variables and working folders of all processes, as far as this user may read them."""
-    said = []
+    texts = []
     for process in Path("/proc").glob("[0-9]*"):
         for name in ("cmdline", "environ"):
             with suppress(OSError):
-                said.append((process / name).read_bytes())
+                texts.append((process / name).read_bytes())
         with suppress(OSError):
-            said.append(os.fsencode((process / "cwd").readlink()))
-    return b"\n".join(said)
+            texts.append(os.fsencode((process / "cwd").readlink()))
+    return b"\n".join(texts)
 
 
 def _folders(parent: Path, pattern: str = "*") -> Iterator[tuple[Path, os.stat_result]]:
@@ -173,26 +173,26 @@ def _folders(parent: Path, pattern: str = "*") -> Iterator[tuple[Path, os.stat_r
 def _state(places: Places, now: float) -> Iterator[Item]:
     """Yield records that no cell's record leads to, and locks and logs that nothing names."""
     cells = set().union(*(_names(path) for path in (places.state / "cells").glob("**/*.json")))
-    kept = set(cells)
+    references = set(cells)
     for kind in ("steps", "locks", "installed"):
         for path in sorted((places.state / kind).glob("*/*.json")):
             names = _names(path) | _own(path)
             if not names & cells and now - path.stat().st_mtime > DAY:
                 yield _item(Kind.RECORD, path, used=path.stat().st_mtime)
-            kept |= names
-    kept |= {f"build-{path.stem}" for path in (places.cache / "wheels" / "requests").glob("*.txt")}
-    starts = {name[:16] for name in kept}
+            references |= names
+    references |= {f"build-{path.stem}" for path in (places.cache / "wheels" / "requests").glob("*.txt")}
+    starts = {name[:16] for name in references}
     for path in sorted((places.state / "locks").glob("*.txt")):
         if path.stem not in starts and now - path.stat().st_mtime > DAY:
             yield _item(Kind.RECORD, path, waste=True)
     old = [places.state / "results"]  # of an earlier version, which no later one reads
     waste = [(Kind.RECORD, path) for path in old if path.is_dir()]
     waste += [
-        (Kind.EVIDENCE, path) for path, _ in _folders(places.state / "evidence") if path.name not in kept | starts
+        (Kind.EVIDENCE, path) for path, _ in _folders(places.state / "evidence") if path.name not in references | starts
     ]
     yield from _aged((_item(kind, path, waste=True) for kind, path in waste), now)
     if places.evidence:
-        yield from _runs(places.state / "vault", kept, now)
+        yield from _runs(places.state / "vault", references, now)
 
 
 def _aged(items: Iterable[Item], now: float) -> Iterator[Item]:
@@ -238,7 +238,7 @@ def _own(record: Path) -> set[str]:
 # --- choosing and removing -------------------------------------------------------------------------------------
 
 
-def chosen(items: Iterable[Item], size: float, *, before: float | None, most: int | None) -> list[Item]:
+def select_items(items: Iterable[Item], size: float, *, before: float | None, most: int | None) -> list[Item]:
     """Return the items to remove, by waste, age and size.
 
     These are waste, items that were not of use since `before`, then the least recently used until no more than `most`
@@ -302,6 +302,6 @@ def _free(item: Item, free: bool | None) -> bool:
 
 def _gone(path: Path) -> None:
     if path.is_dir() and not path.is_symlink():
-        removed(path)
+        remove_folder(path)
     else:
         path.unlink(missing_ok=True)

@@ -104,7 +104,7 @@ def read(place: Path) -> ControlsFile:
 @cache
 def _lock(place: Path, name: str) -> Mapping[str, tuple[str, tuple[str, ...]]]:
     """Return the lock of a control: name to version and hashes of all files that it allows."""
-    return locks.pinned(_text(place / f"{name}.txt"))
+    return locks.read_pins(_text(place / f"{name}.txt"))
 
 
 def _text(path: Path) -> str:
@@ -118,7 +118,7 @@ def _text(path: Path) -> str:
 # --- from a cell to its controls, and from a control to its cell -----------------------------------------------
 
 
-def wanted(record: CellRecord) -> dict[str, Cell | str]:
+def find_controls(record: CellRecord) -> dict[str, Cell | str]:
     """Return the control, as a cell, of each adapter with a failure after the install; or why there is none."""
     if not any(case.api and (case.required or _fails(case.phases)) for case in record.cases):
         return {}
@@ -126,10 +126,10 @@ def wanted(record: CellRecord) -> dict[str, Cell | str]:
         return {}
     plain = replace(record, controls={}) if record.controls else record
     failing = (case.record.api for case in assess(plain).cases if case.record.api and _fails(case.phases))
-    return {api: covering(api, record.installed) for api in dict.fromkeys(failing)}
+    return {api: find_control(api, record.installed) for api in dict.fromkeys(failing)}
 
 
-def covering(api: str, installed: Mapping[str, str]) -> Cell | str:
+def find_control(api: str, installed: Mapping[str, str]) -> Cell | str:
     """Return the control of an adapter that speaks for these versions, or why there is none."""
     place = folder()
     if place:
@@ -143,9 +143,9 @@ def covering(api: str, installed: Mapping[str, str]) -> Cell | str:
 
 def possible(cell: Cell, lock: str) -> tuple[Cell, ...]:
     """Return the controls that a failure of a cell with this lock (its text) would turn on."""
-    versions = {str(canonicalize_name(name)): version for name, (version, _) in locks.pinned(lock).items()}
-    found = (covering(api, versions) for api in dict.fromkeys(case.api for case in cell.cases if case.api))
-    return tuple(one for one in found if isinstance(one, Cell))
+    versions = {str(canonicalize_name(name)): version for name, (version, _) in locks.read_pins(lock).items()}
+    candidates = (find_control(api, versions) for api in dict.fromkeys(case.api for case in cell.cases if case.api))
+    return tuple(one for one in candidates if isinstance(one, Cell))
 
 
 def cells() -> tuple[Cell, ...]:
@@ -195,7 +195,7 @@ def _cell(place: Path, name: str) -> Cell:
 # --- from what became of a control to what that says -----------------------------------------------------------
 
 
-def said(record: CellRecord, lock: str | None) -> ControlRecord:
+def judge(record: CellRecord, lock: str | None) -> ControlRecord:
     """Judge a control's cell and return the control's record; `lock` is the text of the lock that it was run with."""
     name = f"control {record.cell.label}"
     judged = assess(record)
@@ -221,9 +221,9 @@ def _differs(cell: Cell, text: str) -> str | None:
     The known-good lock allows more files than a lock has: those of other machines.
     """
     place = folder()
-    known = _lock(place, cell.label) if place else {}
-    for name, (version, hashes) in locks.pinned(text).items():
-        good, allowed = known.get(str(canonicalize_name(name)), ("", ()))
+    good_lock = _lock(place, cell.label) if place else {}
+    for name, (version, hashes) in locks.read_pins(text).items():
+        good, allowed = good_lock.get(str(canonicalize_name(name)), ("", ()))
         if version != good or not set(hashes) <= set(allowed):
             return f"{name} {version} from the package index is not the one that is known to be good"
     return None

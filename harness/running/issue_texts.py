@@ -19,11 +19,11 @@ def load() -> tuple[Issue, ...]:
         for path in (*files(), Path(__file__), Path(known_issues.__file__))
     ]
     read = msgspec.json.Decoder(tuple[Issue, ...]).decode
-    return read(store.remembered("issues", repr(marks), _made, read))
+    return read(store.load_or_make("issues", repr(marks), _encode_issues, read))
 
 
-def _made() -> bytes:
-    from harness.judging.known_issues import of  # noqa: PLC0415 - start-up
+def _encode_issues() -> bytes:
+    from harness.judging.known_issues import from_signature  # noqa: PLC0415 - start-up
     from harness.running import shipped_signatures  # noqa: PLC0415 - start-up
 
-    return msgspec.json.encode(tuple(map(of, shipped_signatures.known())))
+    return msgspec.json.encode(tuple(map(from_signature, shipped_signatures.load_all())))

@@ -21,7 +21,7 @@ WHEELS = "-wheels"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Handed:
+class MeasuredLock:
     """A lock to be written: its text, and the cell that it was measured in."""
 
     lock: str
@@ -32,7 +32,7 @@ class Handed:
     settings: Mapping[str, str]
 
 
-def write(path: Path, handed: Handed, *, offline: bool = False) -> str:
+def write(path: Path, handed: MeasuredLock, *, offline: bool = False) -> str:
     """Write a lock with its header, and its patched wheels into a folder beside it; return the command that installs.
 
     Raises CouldNotTell where a patched wheel cannot be made here.
@@ -50,7 +50,7 @@ def write(path: Path, handed: Handed, *, offline: bool = False) -> str:
     return command
 
 
-def header(handed: Handed, command: str) -> str:
+def header(handed: MeasuredLock, command: str) -> str:
     """Return comment lines that say which cell a lock was measured in, and how it is installed."""
     settings = " ".join(f"{name}={value}" for name, value in handed.settings.items())
     lines = [
@@ -71,6 +71,6 @@ def install(path: Path, python: str, wheels: Path | None = None) -> str:
 
 def _patched(lock: str) -> tuple[Repair, ...]:
     """Return the recipes of the patched wheels that a lock holds."""
-    hashes = [mark for _, marks in locks.pinned(lock).values() for mark in marks]
-    known = [repair for made in open_matrix.recipes(Path("matrices")).values() for repair in made]
-    return overlay_recipes.used(known, hashes)
+    hashes = [mark for _, marks in locks.read_pins(lock).values() for mark in marks]
+    repairs = [repair for made in open_matrix.recipes(Path("matrices")).values() for repair in made]
+    return overlay_recipes.select_by_hash(repairs, hashes)

@@ -169,19 +169,19 @@ class Fetched:
         """Return the fetched matrix of a name, or of a file that has to be the same. Raises BadInput."""
         given = Path(name)
         stem = given.stem if given.suffix == ".toml" else name
-        known = {one.name: one for one in self.manifest.matrices}
-        if stem not in known:
-            message = f"{name}: was not fetched into {self.folder}{schema.suggestion(stem, known)}"
+        by_name = {one.name: one for one in self.manifest.matrices}
+        if stem not in by_name:
+            message = f"{name}: was not fetched into {self.folder}{schema.suggestion(stem, by_name)}"
             raise BadInput(message)
-        found = known[stem]
+        entry = by_name[stem]
         try:
-            path, *_ = [self.sound(file) for file in (found.file, *found.beside)]
+            path, *_ = [self.sound(file) for file in (entry.file, *entry.beside)]
         except Changed as error:
             raise BadInput(str(error)) from None
         if given.suffix == ".toml" and (not given.is_file() or given.read_bytes() != path.read_bytes()):
             message = f"{name}: is not the matrix that was fetched; fetch it again, or run `{stem}`, as it was fetched"
             raise BadInput(message)
-        return found, path
+        return entry, path
 
     def instant(self, matrix: str) -> str | None:
         """Return the instant that a matrix was locked as of."""
@@ -201,14 +201,14 @@ class Fetched:
             return "was fetched by another simmatrix, which asked otherwise; fetch it again"
         if entry.python is None or entry.implementation is None:
             return f"could not be fetched: {entry.decisive}"
-        found = interpreters.obtain(cell.python, offline=True)
+        candidate = interpreters.obtain(cell.python, offline=True)
         wanted = (entry.implementation, entry.python)
-        if found is not None and (found.implementation, found.version) == wanted:
-            return found
+        if candidate is not None and (candidate.implementation, candidate.version) == wanted:
+            return candidate
         exact = self._exact(*wanted)
         if isinstance(exact, Interpreter):
             return exact
-        there = f"there is {found.version}" if found else "it is not on this machine"
+        there = f"there is {candidate.version}" if candidate else "it is not on this machine"
         return f"its lock is for {entry.implementation} {entry.python}, and {there}{exact}"
 
     def answer(self, cell: Cell) -> tuple[Lock | None, Step]:
@@ -219,8 +219,8 @@ class Fetched:
         """
         entry = self._entry(cell)
         if entry is None or entry.answer is None:
-            told = f"was not fetched: {entry.decisive if entry else 'it is new'}; fetch it again"
-            return None, Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=told)
+            reason = f"was not fetched: {entry.decisive if entry else 'it is new'}; fetch it again"
+            return None, Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=reason)
         try:
             kept = self._answer(entry.answer)
         except Changed as error:
@@ -272,7 +272,7 @@ class Fetched:
 
     def _entry(self, cell: Cell) -> FetchedCell | None:
         """Return the fetched entry of a cell, by its id of today or by that of earlier versions."""
-        return self._cells.get(cell.id) or self._cells.get(cellid.older(cell))
+        return self._cells.get(cell.id) or self._cells.get(cellid.to_old_form(cell))
 
     def _answer(self, name: str) -> Answer:
         return guarded_files.decoder(Answer).decode(self.sound(name).read_bytes())
@@ -286,17 +286,17 @@ class Fetched:
     def _exact(self, implementation: str, version: str) -> Interpreter | str:
         """Return this Python, from this machine or unpacked from the folder; else what to do about it."""
         request = request_for(implementation, version)
-        found = interpreters.obtain(request, offline=True)
-        if found is not None:
-            return found
-        kept = {(one.implementation, one.version): one for one in self.manifest.pythons}.get((implementation, version))
-        if kept is None or kept.file is None:
+        interpreter = interpreters.obtain(request, offline=True)
+        if interpreter is not None:
+            return interpreter
+        entry = {(one.implementation, one.version): one for one in self.manifest.pythons}.get((implementation, version))
+        if entry is None or entry.file is None:
             return f"; install {version} here, or fetch on a machine with the Python that is here"
         try:
-            found = unpack(self.sound(kept.file), request)
+            interpreter = unpack(self.sound(entry.file), request)
         except Changed as error:
             return f"; {error}"
-        return found or f"; {kept.file} does not start on this machine"
+        return interpreter or f"; {entry.file} does not start on this machine"
 
 
 def unpack(archive: Path, request: str) -> Interpreter | None:

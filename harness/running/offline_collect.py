@@ -21,7 +21,7 @@ from harness.machine import interpreters
 from harness.machine.store import Store, digest, question_key, write_atomic
 from harness.model import Artifact, CellRecord, IndexSettings, Interpreter, Lock, Outcome, Pin, Step
 from harness.model.errors import CouldNotTell
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.packages import download_notice, index
 from harness.packages.environments import environments
 from harness.packages.sources import overlays
@@ -47,7 +47,7 @@ _BUILT = "build:"
 NOT_RELOCATABLE = "was built or installed on the machine that fetched, and runs at its own path only"
 
 
-def intact(folder: Path) -> Manifest | None:
+def load_intact(folder: Path) -> Manifest | None:
     """Return the manifest of an earlier fetch, without the parts that changed since; None if there is none.
 
     Files that are no longer as they were fetched are removed.
@@ -64,10 +64,10 @@ def intact(folder: Path) -> Manifest | None:
     names = {one.name for one in matrices} | {controls.MATRIX}
     cells = tuple(one for one in old.cells if one.matrix in names and _files(one) <= sound)
     pythons = tuple(one for one in old.pythons if one.file is None or one.file in sound)
-    kept = msgspec.structs.replace(old, matrices=matrices, cells=cells, pythons=pythons)
-    if kept != old:
-        write(folder, kept)
-    return kept
+    manifest = msgspec.structs.replace(old, matrices=matrices, cells=cells, pythons=pythons)
+    if manifest != old:
+        write(folder, manifest)
+    return manifest
 
 
 def write(folder: Path, manifest: Manifest) -> None:
@@ -93,7 +93,7 @@ class _Resolved:
 
 
 @dataclass
-class Bringing:
+class Collector:
     """One fetch into a folder. `say` tells the user what is going on."""
 
     folder: Path
@@ -132,21 +132,21 @@ class Bringing:
         interpreter = interpreters.obtain(record.cell.python)
         if record.unavailable or interpreter is None or record.resolve is None:
             return _Resolved(record=record, reason=record.unavailable or interpreters.hint(record.cell.python))
-        asked = _Resolved(record=record, interpreter=interpreter)
+        resolution = _Resolved(record=record, interpreter=interpreter)
         lock = self.store.load_lock(question_key(record.cell.question, interpreter))
         if record.lock is None or not isinstance(lock, Lock):
-            return replace(asked, step=record.install or record.resolve)  # metadata may be what a build makes
-        supplied = overlays.supplied(lock, record.cell.question)
+            return replace(resolution, step=record.install or record.resolve)  # metadata may be what a build makes
+        supplied = overlays.provide_wheels(lock, record.cell.question)
         if isinstance(supplied, Step):
-            return replace(asked, step=supplied)
+            return replace(resolution, step=supplied)
         lock = supplied
         if not all(pin.artifact.is_wheel for pin in lock.pins):
             self.say(f"{record.cell.id}: building what has no wheel")
         wheels = environments.wheels_of(lock, interpreter, record.cell.question)
         if isinstance(wheels, Step):
-            return replace(asked, step=wheels)
+            return replace(resolution, step=wheels)
         built = {one.name: self._built(one) for one in wheels if one.mark.startswith(_BUILT)}
-        return replace(asked, lock=lock, built=built)
+        return replace(resolution, lock=lock, built=built)
 
     def _built(self, wheel: environments.Wheel) -> BuiltWheel:
         key = wheel.mark.removeprefix(_BUILT)
@@ -157,25 +157,25 @@ class Bringing:
             self.brought += len(content)
         return BuiltWheel(key=key, file=name)
 
-    def _cell(self, one: _Resolved, failures: Mapping[str, str]) -> FetchedCell:
-        cell, mark = one.record.cell, offline_bundle.question_mark(one.record.cell)
-        entry = FetchedCell(id=cell.id, matrix=cell.matrix, question=mark, decisive=one.reason)
-        if one.interpreter is None:
+    def _cell(self, resolution: _Resolved, failures: Mapping[str, str]) -> FetchedCell:
+        cell, mark = resolution.record.cell, offline_bundle.question_mark(resolution.record.cell)
+        entry = FetchedCell(id=cell.id, matrix=cell.matrix, question=mark, decisive=resolution.reason)
+        if resolution.interpreter is None:
             return msgspec.structs.replace(entry, complete=False)
         entry = msgspec.structs.replace(
-            entry, python=one.interpreter.version, implementation=one.interpreter.implementation
+            entry, python=resolution.interpreter.version, implementation=resolution.interpreter.implementation
         )
-        if one.lock is None:
-            return self._failed(entry, one.step)
-        wheels = [pin.artifact for pin in one.lock.pins if pin.artifact.is_wheel]
+        if resolution.lock is None:
+            return self._failed(entry, resolution.step)
+        wheels = [pin.artifact for pin in resolution.lock.pins if pin.artifact.is_wheel]
         lost = [failures[wheel.sha256] for wheel in wheels if wheel.sha256 in failures]
         if lost:
             return msgspec.structs.replace(entry, decisive=lost[0], complete=False)
-        lock_file = f"locks/{one.lock.sha256[:16]}.txt"
-        write_atomic(self.folder / lock_file, one.lock.requirements.encode())
-        portable = replace(one.lock, pins=tuple(map(_portable, one.lock.pins)))
-        files = (*map(_place, wheels), *(built.file for built in one.built.values()))
-        answer = self._write(entry, Answer(lock=portable, built=one.built))
+        lock_file = f"locks/{resolution.lock.sha256[:16]}.txt"
+        write_atomic(self.folder / lock_file, resolution.lock.requirements.encode())
+        portable = replace(resolution.lock, pins=tuple(map(_portable, resolution.lock.pins)))
+        files = (*map(_place, wheels), *(built.file for built in resolution.built.values()))
+        answer = self._write(entry, Answer(lock=portable, built=resolution.built))
         return msgspec.structs.replace(entry, answer=answer, lock=lock_file, wheels=tuple(sorted(files)))
 
     def _failed(self, entry: FetchedCell, step: Step | None) -> FetchedCell:
@@ -183,11 +183,11 @@ class Bringing:
 
         A fault of the packages is kept as an answer. Another day's trouble is none: the entry is then incomplete.
         """
-        told = step.decisive if step else None
+        reason = step.decisive if step else None
         if step is None or step.outcome not in {Outcome.FAILED, Outcome.UNAVAILABLE}:
-            return msgspec.structs.replace(entry, decisive=told, complete=False)
+            return msgspec.structs.replace(entry, decisive=reason, complete=False)
         answer = self._write(entry, Answer(step=replace(step, log=None, conditions=None, reused=False)))
-        return msgspec.structs.replace(entry, decisive=told, answer=answer)
+        return msgspec.structs.replace(entry, decisive=reason, answer=answer)
 
     def _write(self, entry: FetchedCell, answer: Answer) -> str:
         """Put an answer into a file named by its content, so that none is ever changed."""
@@ -202,8 +202,8 @@ class Bringing:
         download_notice.announce([artifact for artifact, _ in missing], frozenset())
         todo: SimpleQueue[tuple[Artifact, IndexSettings]] = SimpleQueue()
         done: SimpleQueue[tuple[Artifact, str | None]] = SimpleQueue()
-        for one in sorted(missing, key=lambda pair: -(pair[0].size or 0)):
-            todo.put(one)
+        for download in sorted(missing, key=lambda pair: -(pair[0].size or 0)):
+            todo.put(download)
         for _ in range(min(AT_ONCE, len(missing))):
             # daemons: an interrupt does not wait for the end of a download of gigabytes
             Thread(target=_fetch_all, args=(self.folder / "wheels", todo, done), daemon=True).start()
@@ -229,7 +229,7 @@ class Bringing:
                 for path in self.folder.glob("wheels/*/tmp*"):
                     with suppress(FileNotFoundError):  # it came to its end
                         sizes.append(path.stat().st_size)
-                self.say(f"{number(len(sizes), 'file')} under way, {sum(sizes) / 1e6:.0f} MB of them here")
+                self.say(f"{format_count(len(sizes), 'file')} under way, {sum(sizes) / 1e6:.0f} MB of them here")
 
     def _has(self, artifact: Artifact) -> bool:
         """Return whether the file is there; remove a file with another hash.
@@ -242,16 +242,16 @@ class Bringing:
         return path.exists()
 
     def _python(self, implementation: str, version: str) -> FetchedPython:
-        made = FetchedPython(implementation=implementation, version=version)
-        found = interpreters.obtain(offline_bundle.request_for(implementation, version))
-        folder = interpreters.relocatable(found) if found else None
+        entry = FetchedPython(implementation=implementation, version=version)
+        interpreter = interpreters.obtain(offline_bundle.request_for(implementation, version))
+        folder = interpreters.relocatable(interpreter) if interpreter else None
         if folder is None:
-            return msgspec.structs.replace(made, note=NOT_RELOCATABLE)
+            return msgspec.structs.replace(entry, note=NOT_RELOCATABLE)
         name = f"pythons/{folder.name}.tar"
         if not (self.folder / name).exists():
             self.say(f"packing Python {version}")
             self.brought += pack(folder, self.folder / name)
-        return msgspec.structs.replace(made, file=name)
+        return msgspec.structs.replace(entry, file=name)
 
 
 def pack(folder: Path, target: Path) -> int:
@@ -260,7 +260,7 @@ def pack(folder: Path, target: Path) -> int:
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=".making-") as making:
         path = Path(making) / target.name
         with tarfile.open(path, "w") as tar:
-            tar.add(folder, folder.name, filter=lambda one: None if "__pycache__" in one.name else one)
+            tar.add(folder, folder.name, filter=lambda member: None if "__pycache__" in member.name else member)
         path.chmod(0o644)
         path.replace(target)
     return target.stat().st_size

@@ -36,8 +36,8 @@ def built_in() -> dict[str, Path]:
 def recipes(folder: Path) -> dict[str, tuple[Repair, ...]]:
     """Return the repairs of packages by name; recipes in `overlays/` beside a matrix go before those of the harness."""
     files = [path for place in (_matrices(), folder) for path in sorted((place / OVERLAYS).glob("*.toml"))]
-    found = [overlay_recipes.read(_text(path), str(path)) for path in files]
-    return {made[0].name: made for made in found}
+    repairs = [overlay_recipes.read(_text(path), str(path)) for path in files]
+    return {made[0].name: made for made in repairs}
 
 
 def _matrices() -> Path:
@@ -76,7 +76,7 @@ def gather(
     path = fetched.matrix(name)[1] if fetched else locate(name)
     matrix = matrix_file.read(_text(path), str(path))
     if matrix_remedies.named(matrix):
-        matrix = matrix_remedies.filled(matrix, shipped_signatures.known())
+        matrix = matrix_remedies.fill(matrix, shipped_signatures.load_all())
     if matrix.snapshot and str(matrix.snapshot) > now():
         say(f"{path}: snapshot: {matrix.snapshot} is still to come; these locks miss what is uploaded until then")
     expansion = _expansion(matrix, path, say, offline=offline, renew=renew)
@@ -95,7 +95,7 @@ def gather(
     return sources
 
 
-def dated(
+def set_instant(
     planned: Plan, store: Store, *, renew: bool = False, fetched: Fetched | None = None, offline: bool = False
 ) -> Plan:
     """Return the plan with an instant in every question: the matrix's own, else that of its first lock, which is kept.
@@ -105,8 +105,8 @@ def dated(
     planned = _with_subjects(planned, partial(_settled, offline=offline))
     if all(cell.question.snapshot for cell in planned.cells):
         return planned
-    kept = fetched.instant(planned.matrix) if fetched else None
-    instant = kept or store.instant(planned.matrix, renew=renew)
+    fetched_instant = fetched.instant(planned.matrix) if fetched else None
+    instant = fetched_instant or store.instant(planned.matrix, renew=renew)
     return as_of(planned, instant)
 
 
@@ -132,13 +132,13 @@ def locate(name: str) -> Path:
     path = Path(name)
     if path.suffix == ".toml":
         return path
-    known = built_in()
-    if name in known:
-        return known[name]
+    matrices = built_in()
+    if name in matrices:
+        return matrices[name]
     from difflib import get_close_matches  # noqa: PLC0415 - start-up
 
-    near = get_close_matches(name, known, n=1)
-    hint = f'did you mean "{near[0]}"?' if near else f"the built-in ones are: {', '.join(known) or 'none'}"
+    near = get_close_matches(name, matrices, n=1)
+    hint = f'did you mean "{near[0]}"?' if near else f"the built-in ones are: {', '.join(matrices) or 'none'}"
     message = f"{name}: not a matrix file (NAME.toml) and not a built-in matrix; {hint}"
     raise BadInput(message)
 
@@ -165,8 +165,8 @@ def _expansion(
     if not matrix.ranges:
         return version_ranges.expand(matrix, {}, instant)
     if offline:
-        known = "are to be expanded again" if renew else "were never expanded"
-        message = f"{path}: its ranges {known}, which asks the index; run `simmatrix lock {path}` without --offline"
+        status = "are to be expanded again" if renew else "were never expanded"
+        message = f"{path}: its ranges {status}, which asks the index; run `simmatrix lock {path}` without --offline"
         raise CouldNotTell(message)
     from harness.packages import index  # noqa: PLC0415 - start-up
 
@@ -175,10 +175,10 @@ def _expansion(
         name: [(release.version, release.yanked) for release in index.releases(name, settings, cutoff=instant)]
         for name in matrix.ranges
     }
-    made = version_ranges.expand(matrix, releases, instant, _breaks())
-    write_atomic(file, version_ranges.text_of(made).encode())
+    expansion = version_ranges.expand(matrix, releases, instant, _breaks())
+    write_atomic(file, version_ranges.text_of(expansion).encode())
     say(f"expanded {', '.join(matrix.ranges)} as of {instant} into {file}; commit it beside the matrix")
-    return made
+    return expansion
 
 
 def _expanded(path: Path) -> Path:
@@ -218,7 +218,7 @@ def _project(source: str, folder: Path) -> plan.Project:
     """Return the package under test as it is found from anywhere, with what its pyproject declares."""
     from harness.packages import package_under_test  # noqa: PLC0415 - start-up
 
-    place = package_under_test.located(source, folder)
+    place = package_under_test.locate_source(source, folder)
     about = package_under_test.about(Subject(source=place))
     return plan.Project(
         source=place, extras=about.extras if about else None, groups=tuple(about.groups) if about else None
@@ -228,22 +228,24 @@ def _project(source: str, folder: Path) -> plan.Project:
 def _settled(subject: Subject, *, offline: bool = False) -> Subject:
     from harness.packages import package_under_test  # noqa: PLC0415 - start-up
 
-    return package_under_test.settled(subject, offline=offline)
+    return package_under_test.record_state(subject, offline=offline)
 
 
 def _with_subjects(planned: Plan, change: Callable[[Subject], Subject]) -> Plan:
     """Return the plan with each subject changed; equal subjects are changed once, and stay one object."""
-    made: dict[Subject, Subject] = {}
+    replacements: dict[Subject, Subject] = {}
     cells = []
     for cell in planned.cells:
-        if cell.subject and cell.subject not in made:
-            made[cell.subject] = change(cell.subject)
-        cells.append(replace(cell, subject=made[cell.subject]) if cell.subject else cell)
-    return replace(planned, cells=tuple(cells)) if made else planned
+        if cell.subject and cell.subject not in replacements:
+            replacements[cell.subject] = change(cell.subject)
+        cells.append(replace(cell, subject=replacements[cell.subject]) if cell.subject else cell)
+    return replace(planned, cells=tuple(cells)) if replacements else planned
 
 
 def _with_questions(planned: Plan, change: Callable[[Question], Question]) -> Plan:
     """Return the plan with each question changed; equal questions stay one object."""
     distinct = {id(cell.question): cell.question for cell in planned.cells}
-    made = {key: change(question) for key, question in distinct.items()}
-    return replace(planned, cells=tuple(replace(cell, question=made[id(cell.question)]) for cell in planned.cells))
+    replacements = {key: change(question) for key, question in distinct.items()}
+    return replace(
+        planned, cells=tuple(replace(cell, question=replacements[id(cell.question)]) for cell in planned.cells)
+    )

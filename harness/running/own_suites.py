@@ -38,11 +38,11 @@ from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import required_name
 from harness.packages import package_under_test
 from harness.packages.environments import bytecode
-from harness.packages.package_under_test import TESTS, Ready
+from harness.packages.package_under_test import TESTS, SubjectWheel
 from harness.probes import launch
 from harness.probes.evidence import JUNIT, LOG, MODULES, End, Host, ProbeRun, Request
 from harness.probes.measure import end_of
-from harness.probes.vault import Vault, kept
+from harness.probes.vault import Vault, keep_files
 
 DOOR = launch.INCELL / "bootstrap_suite.py"
 PYTEST = "pytest"
@@ -53,30 +53,35 @@ HOST = re.compile(r' hostname="[^"]*"')
 # --- its packages ----------------------------------------------------------------------------------------------
 
 
-def question(asked: Question, lock: Lock, subject: Subject, known: Ready, interpreter: Interpreter) -> Question:
+def question(
+    cell_question: Question, lock: Lock, subject: Subject, package: SubjectWheel, interpreter: Interpreter
+) -> Question:
     """Return the question to resolve for a suite: the cell's question, the needs of the tests, every pin of the cell.
 
     Raises BadInput for an extra or a group that the subject does not have, or a requirement that is the subject.
     """
     suite = subject.suite or Suite()
-    package_under_test.refuse_naming(known.tested.name, suite.requirements, "`suite.extras`")
-    lines = (*package_under_test.wanted(known, interpreter, suite.extras, suite.groups), *suite.requirements)
+    package_under_test.refuse_naming(package.tested.name, suite.requirements, "`suite.extras`")
+    lines = (
+        *package_under_test.list_requirements(package, interpreter, suite.extras, suite.groups),
+        *suite.requirements,
+    )
     tools = () if PYTEST in {required_name(line) for line in lines} else (PYTEST,)
     pins = (f"{name}=={version}" for name, version in lock.versions.items())
     return replace(
-        asked,
-        requirements=tuple(dict.fromkeys((*asked.requirements, *lines, *tools))),
-        constraints=(*asked.constraints, *pins),
+        cell_question,
+        requirements=tuple(dict.fromkeys((*cell_question.requirements, *lines, *tools))),
+        constraints=(*cell_question.constraints, *pins),
         resolution="highest",
     )
 
 
-def moved(lock: Lock, other: Lock) -> str | None:
+def describe_version_changes(lock: Lock, other: Lock) -> str | None:
     """Return a sentence on packages that the tests' lock has at other versions than the cell's; None for none."""
-    found = other.versions
-    names = [name for name, version in lock.versions.items() if found.get(name) != version]
-    told = [f"{name} {found.get(name, 'gone')} instead of {lock.versions[name]}" for name in names]
-    return f"the tests ask for {', '.join(told)}" if told else None
+    versions = other.versions
+    names = [name for name, version in lock.versions.items() if versions.get(name) != version]
+    changes = [f"{name} {versions.get(name, 'gone')} instead of {lock.versions[name]}" for name in names]
+    return f"the tests ask for {', '.join(changes)}" if changes else None
 
 
 def not_run(decisive: str, step: Step) -> PhaseRecord:
@@ -84,15 +89,15 @@ def not_run(decisive: str, step: Step) -> PhaseRecord:
 
     It is `not_reached` where packages are at fault: the cell keeps the verdict of its cases.
     """
-    kept = {Outcome.UNAVAILABLE, Outcome.INFRA}
-    outcome = step.outcome if step.outcome in kept else Outcome.NOT_REACHED
+    blameless = {Outcome.UNAVAILABLE, Outcome.INFRA}
+    outcome = step.outcome if step.outcome in blameless else Outcome.NOT_REACHED
     if step.phase is Phase.RESOLVE and step.outcome is Outcome.TIMED_OUT:
         outcome = Outcome.INFRA
     check = CheckRecord(check=f"suite.{step.phase}", outcome=step.outcome, decisive=step.decisive)
     return PhaseRecord(
         phase=Phase.SUITE,
         outcome=outcome,
-        decisive=decisive_line.bounded(decisive),
+        decisive=decisive_line.shorten_line(decisive),
         checks=(check,),
         evidence=step.log,
         reused=step.reused,
@@ -107,7 +112,7 @@ class Bench:
     """Everything that a run of a suite needs; `places` maps this machine's folders to their names in evidence."""
 
     subject: Subject
-    known: Ready
+    known: SubjectWheel
     site: launch.Site
     vault: Vault
     host: Host
@@ -122,18 +127,18 @@ class Bench:
         """Run the suite, keep what it showed as an answer to a key, and return the run's name."""
         with scratch_folder() as scratch, Folder(scratch) as left:
             try:
-                source = package_under_test.copied(self.subject, scratch / "source")
+                source = package_under_test.copy_source(self.subject, scratch / "source")
             except CouldNotTell as error:
                 host = replace(self.host, source=str(error))
                 return self._kept(request, key, End(), host, {})
-            without(source, self.known)
+            remove_modules(source, self.known)
             end, host, texts = self._ran(request.limits[CHECK], scratch, source, left)
         return self._kept(request, key, end, host, texts)
 
     def _ran(self, seconds: float, scratch: Path, source: Path, left: Folder) -> tuple[End, Host, dict[str, bytes]]:
         site = self.site
         launch.furnish(site, scratch / "home")
-        folder, sealed = launch.entered(site, scratch)
+        folder, sealed = launch.prepare_environment(site, scratch)
         with site.code(folder, CHECK, self.known.modules) as code:
             place = _Place(scratch, source, folder, sealed, code)
             ran, lost, shown = _shown(_command(self, seconds, place), scratch)
@@ -156,7 +161,7 @@ class Bench:
             program={CHECK: launch.file_hash(DOOR)},
             end=end,
             host=host,
-            files=kept(self.vault, texts),
+            files=keep_files(self.vault, texts),
             measured=now(),
         )
         return self.vault.put(run, key)
@@ -170,7 +175,7 @@ class _Place:
     source: Path
     folder: Path
     sealed: tuple[Path, ...]
-    code: bytecode.Lent
+    code: bytecode.RunFolders
 
 
 def _command(bench: Bench, seconds: float, at: _Place) -> process.Command:
@@ -209,16 +214,16 @@ def _shown(command: process.Command, scratch: Path) -> tuple[process.Completed, 
     display.
     """
     try:
-        with display.shown(command, scratch / "display") as seen:
+        with display.open_display(command, scratch / "display") as seen:
             return process.run(seen.command), seen.lost(), seen.places
     except display.NoDisplayError as error:
         return process.unstarted(command, str(error)), None, {}
 
 
-def without(source: Path, known: Ready) -> None:
+def remove_modules(source: Path, package: SubjectWheel) -> None:
     """Remove the installed modules from the copy, so that the tests cannot import them there."""
-    for base in {source, source / "src", source / "lib", *_holding(source, known.path)}:
-        for module in known.modules:
+    for base in {source, source / "src", source / "lib", *_holding(source, package.path)}:
+        for module in package.modules:
             if (base / module).is_dir():
                 shutil.rmtree(base / module)
             (base / f"{module}.py").unlink(missing_ok=True)
@@ -232,16 +237,16 @@ def _holding(source: Path, wheel: Path) -> list[Path]:
             for info in archive.infolist()
             if info.filename.endswith(".py") and info.file_size and not TESTS & {*info.filename.split("/")}
         }
-    found: Counter[Path] = Counter()
+    counts: Counter[Path] = Counter()
     for path in source.rglob("*.py"):
         parts = path.relative_to(source).parts
         if not path.is_symlink() and path.is_file() and not TESTS & {*parts}:
             content = path.read_bytes()
             mark = (len(content), zlib.crc32(content))
-            found.update(
+            counts.update(
                 source.joinpath(*parts[:at]) for at in range(len(parts)) if packed.get("/".join(parts[at:])) == mark
             )
-    return [base for base, count in found.items() if 2 * count > len(packed)]
+    return [base for base, count in counts.items() if 2 * count > len(packed)]
 
 
 def _text(left: Folder, name: str) -> str:

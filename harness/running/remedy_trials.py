@@ -13,7 +13,7 @@ from harness.model import Cell, Change, Plan, Question, Repair, Tried
 Recipes = Mapping[str, tuple[Repair, ...]]
 
 
-def untried(cells: Sequence[Cell], assessed: Iterable[Assessed], recipes: Callable[[], Recipes]) -> Iterator[Cell]:
+def make_trials(cells: Sequence[Cell], assessed: Iterable[Assessed], recipes: Callable[[], Recipes]) -> Iterator[Cell]:
     """Yield red cells with their remedies applied, the deepest cause first.
 
     Of cells that ask the same there is one for each cause. `cells` are all that are planned; some may be such a cell
@@ -23,38 +23,38 @@ def untried(cells: Sequence[Cell], assessed: Iterable[Assessed], recipes: Callab
     for cell in cells:
         if cell.base:
             tried.setdefault(cell.base, []).append(cell)
-    asked: list[tuple[str, str, Question]] = []
-    for found in assessed:
-        record = found.record
+    places: list[tuple[str, str, Question]] = []
+    for assessment in assessed:
+        record = assessment.record
         if record.cell.base:
             continue
-        for one in found.diagnoses:
-            change = one.signature.remedy.change
-            place = (str(one.signature.id), record.cell.python, record.cell.question)
-            if change is None or place in asked:
+        for diagnosis in assessment.diagnoses:
+            change = diagnosis.signature.remedy.change
+            place = (str(diagnosis.signature.id), record.cell.python, record.cell.question)
+            if change is None or place in places:
                 continue
-            made = _made(record.cell, one.signature, change, recipes())
-            if made and not any(changes.same(made, other) for other in tried.get(record.cell.id, ())):
-                asked.append(place)
-                yield made
+            trial = _apply_remedy(record.cell, diagnosis.signature, change, recipes())
+            if trial and not any(changes.same(trial, other) for other in tried.get(record.cell.id, ())):
+                places.append(place)
+                yield trial
 
 
-def _made(cell: Cell, signature: Signature, change: Change, recipes: Recipes) -> Cell | None:
+def _apply_remedy(cell: Cell, signature: Signature, change: Change, recipes: Recipes) -> Cell | None:
     """Return the cell with the remedy; None if the remedy is not to be had, or leaves the cell as it is."""
     try:
-        made = changes.applied(cell, change, recipes)
+        trial = changes.apply(cell, change, recipes)
     except ValueError:
         return None
-    if changes.same(made, cell):
+    if changes.same(trial, cell):
         return None
     tried = Tried(name=str(signature.id), reason=f"the remedy of {signature.id}", change=change, proving=True)
     name = changes.id_of(cell, str(signature.id), change)
-    return replace(made, id=name, base=cell.id, tried=tried, expect=None)
+    return replace(trial, id=name, base=cell.id, tried=tried, expect=None)
 
 
 def beside(plan: Plan, more: Iterable[Cell]) -> Plan:
     """Return the plan with these cells of its matrix, each behind the cell that it was made of."""
-    found: dict[str, list[Cell]] = {}
+    by_base: dict[str, list[Cell]] = {}
     for cell in more:
-        found.setdefault(cell.base or "", []).append(cell)
-    return replace(plan, cells=tuple(each for cell in plan.cells for each in (cell, *found.get(cell.id, ()))))
+        by_base.setdefault(cell.base or "", []).append(cell)
+    return replace(plan, cells=tuple(each for cell in plan.cells for each in (cell, *by_base.get(cell.id, ()))))

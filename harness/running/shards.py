@@ -68,8 +68,8 @@ def split(cells: Sequence[Cell], count: int, seconds: Mapping[str, float]) -> tu
     more than a shard's fair part. Longest first, each to the shard with the least. A cell without recorded seconds
     counts as the median. The order of the cells has no part in it: matrices may be named in any.
     """
-    known = [seconds[cell.id] for cell in cells if cell.id in seconds]
-    usual = median(known) if known else ALONE
+    measured_seconds = [seconds[cell.id] for cell in cells if cell.id in seconds]
+    usual = median(measured_seconds) if measured_seconds else ALONE
     cost = [seconds.get(cell.id, usual) for cell in cells]
     fair = fsum(cost) / count
     groups = [part for group in _groups(cells) for part in _parts(group, cost, fair)]
@@ -90,10 +90,10 @@ def _groups(cells: Sequence[Cell]) -> Iterable[list[int]]:
     groups: dict[tuple[bytes, str], list[int]] = {}
     for place in sorted(range(len(cells)), key=lambda place: cells[place].id):
         cell = cells[place]
-        asked = cell.question
-        if id(asked) not in marks:
-            marks[id(asked)] = msgspec.json.encode(asked, order="deterministic")
-        groups.setdefault((marks[id(asked)], cell.python), []).append(place)
+        question = cell.question
+        if id(question) not in marks:
+            marks[id(question)] = msgspec.json.encode(question, order="deterministic")
+        groups.setdefault((marks[id(question)], cell.python), []).append(place)
     return groups.values()
 
 

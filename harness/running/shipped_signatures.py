@@ -22,10 +22,10 @@ HEAD, TAIL = 16_000, 48_000
 """Characters of a kept text that are looked at; of a longer one its middle is left out."""
 HEAD_LINE = re.compile(r"^\[\[signature\]\]$", re.MULTILINE)
 SILENT = re.compile(r"^silent = true$", re.MULTILINE)
-KEPT = (".log", ".txt", ".jsonl")
+TEXT_SUFFIXES = (".log", ".txt", ".jsonl")
 
 
-def known() -> tuple[Signature, ...]:
+def load_all() -> tuple[Signature, ...]:
     """Return all signatures. Raises BadInput."""
     place = folder()
     return _read(place) if place else ()
@@ -65,7 +65,7 @@ def _text(path: Path) -> str:
 def beside(state: Path) -> Knowledge:
     """Return the knowledge that failures are compared with; their logs lie below the state folder."""
     return Knowledge(
-        signatures=known,
+        signatures=load_all,
         logs=lambda path: texts(state / path),
         locked=lambda path: _pinned(state / path),
         silent=silent,
@@ -74,8 +74,8 @@ def beside(state: Path) -> Knowledge:
 
 def _pinned(lock: Path) -> tuple[str, ...]:
     """Return the lines `name==version` of a lock; none if it is gone."""
-    found = locks.pinned(_text(lock)) if lock.is_file() else {}
-    return tuple(f"{name}=={version}" for name, (version, _) in found.items())
+    pins = locks.read_pins(_text(lock)) if lock.is_file() else {}
+    return tuple(f"{name}=={version}" for name, (version, _) in pins.items())
 
 
 MOST_TEXT = 64 << 20
@@ -84,7 +84,7 @@ MOST_TEXT = 64 << 20
 def texts(place: Path) -> dict[str, str]:
     """Return the texts of a log file, or of a folder of evidence, by name; none where it is gone."""
     files = sorted(place.iterdir()) if place.is_dir() else [place]
-    return {path.name: _bounded(path) for path in files if path.suffix in KEPT and path.is_file()}
+    return {path.name: _bounded(path) for path in files if path.suffix in TEXT_SUFFIXES and path.is_file()}
 
 
 def _bounded(path: Path) -> str:

@@ -36,8 +36,8 @@ class ByEnvironment(LoadGroupScheduling):  # type: ignore[misc]  # xdist has no 
         """Begin, or go on after a worker was replaced."""
         if self.collection is None:
             collected = next(iter(self.registered_collections.values()))
-            asked = dict.fromkeys(found for nodeid in collected if (found := self.cell_of(nodeid)))
-            self.groups = self.group(self.cells[cell] for cell in asked)
+            cell_ids = dict.fromkeys(cell_id for nodeid in collected if (cell_id := self.cell_of(nodeid)))
+            self.groups = self.group(self.cells[cell] for cell in cell_ids)
         super().schedule()
 
     def cell_of(self, nodeid: str) -> str | None:
@@ -65,6 +65,6 @@ def by_environment(runner: Runner, cells: Iterable[Cell]) -> dict[str, str]:
         built = (question.build_constraints, question.build_variables)
         return digest(record.python, record.lock_sha256, built) if record.lock_sha256 else cell.id
 
-    known = tuple(cells)
+    cell_list = tuple(cells)
     with ThreadPoolExecutor(max_workers=scheduler.default_jobs()) as pool:
-        return dict(zip((cell.id for cell in known), pool.map(group, known), strict=True))
+        return dict(zip((cell.id for cell in cell_list), pool.map(group, cell_list), strict=True))

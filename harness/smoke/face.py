@@ -29,7 +29,7 @@ INPUT, FACTS, RECORD = "simmatrix_plan", "simmatrix_facts", "simmatrix_record"
 class Face:
     """The pytest hooks of the suite. A worker gets its plan from the controller and reads no matrix."""
 
-    frozen: frozen.Frozen
+    frozen: frozen.SessionPlan
     measuring: Measuring
 
     def __init__(self, config: pytest.Config) -> None:
@@ -55,19 +55,21 @@ class Face:
             self._take_chosen()
             return
         given = self.config.getoption
-        asked = {name: bool(given(f"matrix_{name}")) for name in ("fresh", "offline", "verify")}
-        asked["listed"] = bool(given("collectonly"))
+        options = {name: bool(given(f"matrix_{name}")) for name in ("fresh", "offline", "verify")}
+        options["listed"] = bool(given("collectonly"))
         try:
-            self.frozen = frozen.freeze(given("matrix"), self.told.append, **asked)
+            self.frozen = frozen.freeze(given("matrix"), self.told.append, **options)
         except HarnessError as error:
             raise pytest.UsageError(str(error)) from None
         self._take_chosen()
 
     def _take_chosen(self) -> None:
         """Accept node ids of the suite as arguments, also those of earlier versions, though they name no file."""
-        known = {name: cell.id for cell in self.frozen.cells for name in (cellid.older(cell), cell.id)}
+        cell_ids = {name: cell.id for cell in self.frozen.cells for name in (cellid.to_old_form(cell), cell.id)}
         named = {given: given.partition("::") for given in self.config.args}
-        chosen = {given: known[name] + sign + rest for given, (name, sign, rest) in named.items() if name in known}
+        chosen = {
+            given: cell_ids[name] + sign + rest for given, (name, sign, rest) in named.items() if name in cell_ids
+        }
         self.chosen = tuple(chosen.values())
         if self.chosen:
             files = [given for given in self.config.args if given not in {*chosen, SUITE}]
@@ -117,14 +119,14 @@ class Face:
     def pytest_itemcollected(self, item: pytest.Item) -> None:
         """Let `-k` find functions of the user by the ids of earlier versions, too."""
         params = getattr(getattr(item, "callspec", None), "params", {})
-        found = [value[0] if isinstance(value, tuple) else value for value in params.values() if value]
-        item.extra_keyword_matches.update(cellid.older(cell) for cell in found if isinstance(cell, Cell))
+        candidates = [value[0] if isinstance(value, tuple) else value for value in params.values() if value]
+        item.extra_keyword_matches.update(cellid.to_old_form(cell) for cell in candidates if isinstance(cell, Cell))
 
     def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
         """Keep only the named items of the suite, if node ids were given."""
         if not self.chosen:
             return
-        left = [item for item in items if isinstance(item, tree.Told) and not _within(item.nodeid, self.chosen)]
+        left = [item for item in items if isinstance(item, tree.OutcomeItem) and not _within(item.nodeid, self.chosen)]
         config.hook.pytest_deselected(items=left)
         gone = frozenset(left)
         items[:] = [item for item in items if item not in gone]
@@ -140,7 +142,7 @@ class Face:
     ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
         """Attach the facts and the record of a cell to the report, for the controller. Correct its duration."""
         report = yield
-        if call.when == "call" and isinstance(item, tree.Told):
+        if call.when == "call" and isinstance(item, tree.OutcomeItem):
             report.duration = item.seconds
             if report.skipped and isinstance(report.longrepr, tuple):  # not the line of ours that said so
                 report.longrepr = (str(item.reportinfo()[0]), None, report.longrepr[2])  # type: ignore[assignment]
@@ -157,8 +159,8 @@ class Face:
             return
         self.facts.setdefault(facts.pop("cell"), {}).update(facts)
         if record:
-            found = msgspec.json.decode(record, type=CellRecord)
-            self.records[found.cell.id] = found
+            cell_record = msgspec.json.decode(record, type=CellRecord)
+            self.records[cell_record.cell.id] = cell_record
 
     # --- the end -----------------------------------------------------------------------------------------------
 
@@ -170,8 +172,8 @@ class Face:
             return
         if self.records:
             self._report()
-        asked = session.config.getoption("xmlpath", None)
-        xml = Path(os.path.expandvars(asked)).expanduser() if asked else None  # as pytest reads it
+        xml_option = session.config.getoption("xmlpath", None)
+        xml = Path(os.path.expandvars(xml_option)).expanduser() if xml_option else None  # as pytest reads it
         if xml and self.facts and xml.is_file():
             axes = {cell.id: {f"axis.{name}": value for name, value in cell.axes.items()} for cell in self.frozen.cells}
             junit.regroup(xml, {cell: {**known, **self.facts.get(cell, {})} for cell, known in axes.items()})
@@ -188,12 +190,12 @@ class Face:
             store.save_cell(record)
         out = self.config.getoption("matrix_out")
         wanted = publishing.Wanted(out=Path(out) if out else None, pivot=None, json=False, fail_on=())
-        made = publishing.publish(self.frozen.plans, self.records, store, wanted)
+        reports = publishing.publish(self.frozen.plans, self.records, store, wanted)
         counts = Counter(assess(record).verdict for record in self.records.values())
-        told = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
-        folders = ", ".join(os.path.relpath(one.folder) for one in made)
-        self.summary.append(f"simmatrix: {told}; report: {folders}")
-        self.summary += [f"simmatrix: the report is not written: {one.trouble}" for one in made if one.trouble]
+        verdicts = ", ".join(f"{count} {name}" for name, count in sorted(counts.items()))
+        folders = ", ".join(os.path.relpath(one.folder) for one in reports)
+        self.summary.append(f"simmatrix: {verdicts}; report: {folders}")
+        self.summary += [f"simmatrix: the report is not written: {one.trouble}" for one in reports if one.trouble]
 
 
 def _within(nodeid: str, chosen: tuple[str, ...]) -> bool:
@@ -203,5 +205,5 @@ def _within(nodeid: str, chosen: tuple[str, ...]) -> bool:
 
 def _ours(metafunc: pytest.Metafunc, name: str) -> bool:
     """Return whether a fixture that a function asks for is ours, and not one of the user's by the same name."""
-    found = metafunc._arg2fixturedefs.get(name, ())  # pytest has no other way to ask
-    return bool(found) and found[-1].func.__module__ == PLUGIN
+    fixtures = metafunc._arg2fixturedefs.get(name, ())  # pytest has no other way to ask
+    return bool(fixtures) and fixtures[-1].func.__module__ == PLUGIN

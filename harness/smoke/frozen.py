@@ -16,7 +16,7 @@ from harness.running.scheduler import Settings
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Frozen:
+class SessionPlan:
     """The cells of a session and how they are to be measured; `state` is the folder of the store."""
 
     plans: tuple[Plan, ...]
@@ -48,24 +48,24 @@ def freeze(
     offline: bool = False,
     verify: bool = False,
     listed: bool = False,
-) -> Frozen:
+) -> SessionPlan:
     """Plan the matrices as `run` does: expanded, and with the instant that their locks are made as of.
 
     With `listed`, plan from files alone and set no instant.
     """
     planned = [open_matrix.load(name, say, offline=offline or listed) for name in matrices]
     select_cells.check_distinct(planned)
-    select_cells.selected([cell for plan in planned for cell in plan.cells], None)
+    select_cells.select([cell for plan in planned for cell in plan.cells], None)
     store = open_store()
-    plans = tuple(plan if listed else open_matrix.dated(plan, store, offline=offline) for plan in planned)
-    return Frozen(plans=plans, state=str(store.folder), fresh=fresh, offline=offline, verify=verify)
+    plans = tuple(plan if listed else open_matrix.set_instant(plan, store, offline=offline) for plan in planned)
+    return SessionPlan(plans=plans, state=str(store.folder), fresh=fresh, offline=offline, verify=verify)
 
 
-def encode(frozen: Frozen) -> str:
+def encode(frozen: SessionPlan) -> str:
     """Encode a plan as text for a worker."""
     return msgspec.json.encode(frozen).decode()
 
 
-def decode(text: str) -> Frozen:
+def decode(text: str) -> SessionPlan:
     """Decode the plan that the controller encoded."""
-    return msgspec.json.decode(text, type=Frozen)
+    return msgspec.json.decode(text, type=SessionPlan)

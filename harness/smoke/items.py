@@ -17,15 +17,15 @@ from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, Plan, cell
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.running import shipped_signatures
 from harness.smoke import judging, junit
-from harness.smoke.frozen import Frozen
-from harness.smoke.judging import Ended, Kind
+from harness.smoke.frozen import SessionPlan
+from harness.smoke.judging import ItemOutcome, Kind
 from harness.smoke.measuring import STEPS, Measuring, Selection, has_suite
 
 
 class Session(Protocol):
     """The part of the plugin that items use: the plan, and the measurements."""
 
-    frozen: Frozen
+    frozen: SessionPlan
     measuring: Measuring
 
 
@@ -45,16 +45,16 @@ class NotAsExpected(Exception):
     """The failure of an item, shown without a traceback, which would be of our own code."""
 
 
-class Told(pytest.Item):
+class OutcomeItem(pytest.Item):
     """An item that measures, and reports the outcome to pytest. `seconds` is the duration of its own part."""
 
     seconds = 0.0
 
-    def measured(self) -> Ended:
+    def measured(self) -> ItemOutcome:
         """Measure, and return the outcome. Subclasses implement it."""
         raise NotImplementedError
 
-    def _ended(self) -> Ended:
+    def _ended(self) -> ItemOutcome:
         """Measure, and return the outcome; errors become outcomes, and only bugs keep their traceback.
 
         Trouble of this machine is inconclusive: it says nothing about packages.
@@ -62,14 +62,14 @@ class Told(pytest.Item):
         try:
             return self.measured()
         except CouldNotTell as error:
-            return Ended(kind=Kind.INCONCLUSIVE, text=f"inconclusive: {error}")
+            return ItemOutcome(kind=Kind.INCONCLUSIVE, text=f"inconclusive: {error}")
         except HarnessError as error:
-            return Ended(kind=Kind.FAILED, text=str(error))
+            return ItemOutcome(kind=Kind.FAILED, text=str(error))
         except OSError as error:
             machine = in_the_way(error)
             if machine is None:
                 raise
-            return Ended(kind=Kind.INCONCLUSIVE, text=f"inconclusive: {machine}")
+            return ItemOutcome(kind=Kind.INCONCLUSIVE, text=f"inconclusive: {machine}")
 
     def runtest(self) -> None:
         """Measure, and report the outcome to pytest."""
@@ -98,13 +98,13 @@ class Told(pytest.Item):
         """Return the text of a failure without a traceback. A bug of ours keeps its own."""
         if not isinstance(excinfo.value, NotAsExpected):
             return super().repr_failure(excinfo, style)
-        told = excinfo.getrepr(style="value")
-        if told.reprcrash:
-            told.reprcrash.message = str(excinfo.value)
-        return told
+        representation = excinfo.getrepr(style="value")
+        if representation.reprcrash:
+            representation.reprcrash.message = str(excinfo.value)
+        return representation
 
 
-class CellItem(Told):
+class CellItem(OutcomeItem):
     """An item of a cell. `facts` describe the cell as measured, `record` is its full record (verdict items only)."""
 
     def __init__(self, *, cell: Cell, case: Case | None = None, phase: Phase | None = None, **rest: Any) -> None:
@@ -117,27 +117,27 @@ class CellItem(Told):
 
     def told_of(self, record: CellRecord) -> dict[str, str]:
         """Return the facts of a record for reports: machine, Python, hash of the lock, key of the environment."""
-        known = {"machine": record.machine, "python": record.python, "lock_sha256": record.lock_sha256}
-        return {name: value for name, value in {**known, "environment": record.key}.items() if value}
+        facts = {"machine": record.machine, "python": record.python, "lock_sha256": record.lock_sha256}
+        return {name: value for name, value in {**facts, "environment": record.key}.items() if value}
 
 
 class StepItem(CellItem):
     """The item of a cell's step: resolve or install."""
 
-    def measured(self) -> Ended:
+    def measured(self) -> ItemOutcome:
         """Run the step, and return its outcome."""
         measuring = self.config.stash[SESSION].measuring
         assert self.phase
         record = measuring.steps(self.cell)
         self.facts = self.told_of(record)
         shown = measuring.selection.phases(self.cell)
-        return judging.ended(self.cell, self.phase, judging.seen(record), shown, store.now())
+        return judging.judge_phase(self.cell, self.phase, judging.collect_phases(record), shown, store.now())
 
 
 class PhaseItem(CellItem):
     """One phase of one case."""
 
-    def measured(self) -> Ended:
+    def measured(self) -> ItemOutcome:
         """Measure the case, and return the outcome of the phase."""
         measuring = self.config.stash[SESSION].measuring
         assert self.case
@@ -145,13 +145,13 @@ class PhaseItem(CellItem):
         record = measuring.case(self.cell, self.case)
         self.facts = self.told_of(record)
         shown = measuring.shown(self.cell, self.case)
-        return judging.ended(self.cell, self.phase, judging.seen(record), shown, store.now())
+        return judging.judge_phase(self.cell, self.phase, judging.collect_phases(record), shown, store.now())
 
 
 class SuiteItem(CellItem):
     """The item of the package's own test suite."""
 
-    def measured(self) -> Ended:
+    def measured(self) -> ItemOutcome:
         """Run the suite, and return its outcome."""
         measuring = self.config.stash[SESSION].measuring
         assert self.phase
@@ -159,22 +159,22 @@ class SuiteItem(CellItem):
         self.facts = self.told_of(record)
         imports = (measuring.selection.phases(self.cell, case.id) & {Phase.IMPORT} for case in self.cell.cases)
         shown = measuring.selection.phases(self.cell).union(*imports)
-        return judging.ended(self.cell, self.phase, judging.suite_seen(record), shown, store.now())
+        return judging.judge_phase(self.cell, self.phase, judging.collect_suite(record), shown, store.now())
 
 
 class VerdictItem(CellItem):
     """The item that compares the whole cell with its expectation."""
 
-    def measured(self) -> Ended:
+    def measured(self) -> ItemOutcome:
         """Measure and judge the whole cell, and return the outcome."""
         measuring = self.config.stash[SESSION].measuring
         self.record = measuring.whole(self.cell)
-        found = assess(self.record, shipped_signatures.beside(measuring.store.folder), store.now())
-        self.facts = {**self.told_of(self.record), "verdict": found.verdict.value}
-        return judging.judged(found)
+        assessment = assess(self.record, shipped_signatures.beside(measuring.store.folder), store.now())
+        self.facts = {**self.told_of(self.record), "verdict": assessment.verdict.value}
+        return judging.judge_cell(assessment)
 
 
-class ExpectationItem(Told):
+class ExpectationItem(OutcomeItem):
     """The item for expectations of a matrix that match no cell."""
 
     def __init__(self, *, plan: Plan, **rest: Any) -> None:
@@ -182,9 +182,9 @@ class ExpectationItem(Told):
         self.plan = plan
         self.add_marker(EXPECTATIONS)
 
-    def measured(self) -> Ended:
+    def measured(self) -> ItemOutcome:
         """Return a failure that lists the stale expectations, without measuring."""
-        return Ended(kind=Kind.FAILED, text="\n".join(self.plan.stale))
+        return ItemOutcome(kind=Kind.FAILED, text="\n".join(self.plan.stale))
 
 
 # --- the tree --------------------------------------------------------------------------------------------------
@@ -210,7 +210,7 @@ class CellNode(pytest.Collector):
     def __init__(self, *, cell: Cell, **rest: Any) -> None:
         super().__init__(**rest)
         self.cell = cell
-        self.extra_keyword_matches.add(cellid.older(cell))
+        self.extra_keyword_matches.add(cellid.to_old_form(cell))
 
     def collect(self) -> Iterator[pytest.Item | pytest.Collector]:
         """Yield the steps of the cell, its cases, its suite if it has one, and its verdict."""
@@ -232,8 +232,8 @@ class CaseNode(pytest.Collector):
 
     def collect(self) -> Iterator[pytest.Item]:
         """Yield an item for each phase in which the case has checks."""
-        asked = {phase_of(check) for check in self.case.checks}
-        for phase in (phase for phase in CASE_PHASES if phase in asked):
+        phases = {phase_of(check) for check in self.case.checks}
+        for phase in (phase for phase in CASE_PHASES if phase in phases):
             yield PhaseItem.from_parent(self, name=phase.value, cell=self.cell, case=self.case, phase=phase)
 
 

@@ -24,26 +24,26 @@ def regroup(path: Path, properties: Mapping[str, Mapping[str, str]]) -> None:
             if cell in properties:
                 suite.remove(case)
                 mine.setdefault(cell, []).append(case)
-        made = [_suite(suite, cell, properties[cell], mine[cell]) for cell in properties if cell in mine]
+        suites = [_suite(suite, cell, properties[cell], mine[cell]) for cell in properties if cell in mine]
         place = list(root).index(suite)
-        if made and suite.find("testcase") is None:
+        if suites and suite.find("testcase") is None:
             root.remove(suite)
         else:
             _count(suite)
-        for number, one in enumerate(made):
-            root.insert(place + number, one)
+        for number, cell_suite in enumerate(suites):
+            root.insert(place + number, cell_suite)
     write_atomic(path, ET.tostring(root, encoding="utf-8", xml_declaration=True))
 
 
 def _claim(case: ET.Element) -> str:
     """Remove and return the cell that a test case names by a property: the schema has properties for suites only."""
     for holder in case.findall("properties"):
-        for one in holder.findall("property"):
-            if one.get("name") == CELL:
-                holder.remove(one)
+        for element in holder.findall("property"):
+            if element.get("name") == CELL:
+                holder.remove(element)
                 if len(holder) == 0:
                     case.remove(holder)
-                return one.get("value", "")
+                return element.get("value", "")
     return ""
 
 

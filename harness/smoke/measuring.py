@@ -11,9 +11,9 @@ from harness.machine import interpreters
 from harness.machine.store import Store, question_key
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, ControlRecord, Phase
 from harness.probes import launch
-from harness.running.scheduler import Controlled, Runner, other_drawing
+from harness.running.scheduler import ControlledRunner, Runner, other_drawing
 from harness.smoke import judging
-from harness.smoke.frozen import Frozen
+from harness.smoke.frozen import SessionPlan
 
 STEPS = frozenset({Phase.RESOLVE, Phase.INSTALL})
 ITSELF, SUITE = "", "::suite"
@@ -55,8 +55,8 @@ class Selection:
         """Return the phases of a case to measure: those asked for, and those that they need."""
         if cell.id in self.whole:
             return frozenset(CASE_PHASES)  # of which only those count that checks were asked of
-        asked = self.phases(cell, case.id)
-        return asked.union(*(judging.needs(phase) for phase in asked))
+        phases = self.phases(cell, case.id)
+        return phases.union(*(judging.needs(phase) for phase in phases))
 
     def resolved_only(self, cell: Cell) -> bool:
         """Return whether only the lock of the cell is wanted."""
@@ -67,7 +67,7 @@ class Selection:
 class Measuring:
     """The measurements of one process. Each part of a cell is measured once, then reused."""
 
-    def __init__(self, frozen: Frozen, selection: Selection, *, worker: bool) -> None:
+    def __init__(self, frozen: SessionPlan, selection: Selection, *, worker: bool) -> None:
         self.store: Store = frozen.store
         self.selection = selection
         self.credit = 0.0  # seconds measured of phases that have an item of their own
@@ -100,7 +100,7 @@ class Measuring:
         """Measure the cell with all its cases, and return the record as `run` stores it."""
         suite = [self.suite(cell)] if has_suite(cell) else []
         cases = [self.case(cell, case) for case in cell.cases]
-        record = combined(cell, self.steps(cell), cases, suite)
+        record = combine_records(cell, self.steps(cell), cases, suite)
         if not any(other_drawing.due(part) or part.supplied != record.supplied for part in cases):
             return record
         # One set of settings has to draw all cases of a cell: what each drew with alone is stored, and looked up here.
@@ -111,7 +111,7 @@ class Measuring:
         """Return the phases whose outcome an item of their own reports, so that no other item has to repeat it."""
         steps = self.selection.phases(cell)
         if steps:
-            first, here = judging.seen(self.steps(cell)), judging.seen(self.case(cell, case))
+            first, here = judging.collect_phases(self.steps(cell)), judging.collect_phases(self.case(cell, case))
             alike = {at for at in STEPS if at in first and at in here and first[at].outcome is here[at].outcome}
             steps &= alike
         return self.selection.phases(cell, case.id) | steps
@@ -130,13 +130,13 @@ class Measuring:
 
     def _shown_seconds(self, cell: Cell, name: str, record: CellRecord) -> float:
         """Return the seconds of those phases in a record that have an item of their own."""
-        told = judging.suite_seen(record) if name == SUITE else judging.seen(record)
+        results = judging.collect_suite(record) if name == SUITE else judging.collect_phases(record)
         own = {ITSELF: STEPS, SUITE: {Phase.SUITE}}.get(name, frozenset(CASE_PHASES))
         shown = own & self.selection.phases(cell, ITSELF if name == SUITE else name)
-        return sum(told[at].seconds for at in shown if at in told)
+        return sum(results[at].seconds for at in shown if at in results)
 
-    def _controlled(self, cell: Cell, until: Phase) -> Controlled:
-        return Controlled(self._bound(cell, until), self._controls)
+    def _controlled(self, cell: Cell, until: Phase) -> ControlledRunner:
+        return ControlledRunner(self._bound(cell, until), self._controls)
 
     def _bound(self, cell: Cell, until: Phase) -> Runner:
         """Return a runner that stops after a phase. All such runners share their results."""
@@ -149,8 +149,8 @@ class Measuring:
         """Let a worker reuse the lock that the controller has just made, even if all else is measured afresh."""
         interpreter = interpreters.obtain(cell.python, offline=self._frozen.offline)
         if interpreter and cell.subject is None:  # with a subject another question is asked, which is its own
-            kept = Runner(self.store, replace(runner.settings, fresh=False), Quiet())
-            answer = kept.lock_of(cell, interpreter)
+            reusing_runner = Runner(self.store, replace(runner.settings, fresh=False), Quiet())
+            answer = reusing_runner.lock_of(cell, interpreter)
             runner.resolved.setdefault(question_key(cell.question, interpreter), answer)
 
 
@@ -159,25 +159,27 @@ def has_suite(cell: Cell) -> bool:
     return cell.subject is not None and cell.subject.suite is not None
 
 
-def combined(cell: Cell, steps: CellRecord, cases: Iterable[CellRecord], suite: Iterable[CellRecord]) -> CellRecord:
+def combine_records(
+    cell: Cell, steps: CellRecord, cases: Iterable[CellRecord], suite: Iterable[CellRecord]
+) -> CellRecord:
     """Return one record of all parts, based on the steps, or on the first part whose install ended differently."""
-    known, last = tuple(cases), tuple(suite)
-    parts = (*known, *last)
+    case_parts, last = tuple(cases), tuple(suite)
+    parts = (*case_parts, *last)
     other = (one for one in parts if (one.install and one.install.outcome) != (steps.install and steps.install.outcome))
     base = next(other, steps)
-    found = tuple(chain.from_iterable(one.cases for one in known))
+    case_records = tuple(chain.from_iterable(one.cases for one in case_parts))
     tested = next((one.suite for one in last), None)
-    probed = [phase for case in found for phase in case.phases if phase.measured]
+    probed = [phase for case in case_records for phase in case.phases if phase.measured]
     probed += [tested] if tested and tested.measured else []
-    made = [step for step in (steps.resolve or base.resolve, base.install) if step]
+    step_records = [step for step in (steps.resolve or base.resolve, base.install) if step]
     return replace(
         base,
         cell=cell,
         resolve=steps.resolve or base.resolve,
-        cases=found,
+        cases=case_records,
         suite=tested,
         controls={api: one for part in parts for api, one in part.controls.items()},
         measured=max((phase.measured for phase in probed if phase.measured), default=base.measured),
-        reused=bool(made) and all(one.reused for one in made) and all(phase.reused for phase in probed),
-        seconds=round(sum(one.seconds for one in made) + sum(phase.seconds for phase in probed), 3),
+        reused=bool(step_records) and all(one.reused for one in step_records) and all(phase.reused for phase in probed),
+        seconds=round(sum(one.seconds for one in step_records) + sum(phase.seconds for phase in probed), 3),
     )

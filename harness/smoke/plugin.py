@@ -73,9 +73,9 @@ def cell(request: pytest.FixtureRequest) -> Any:
     """Return each cell of the matrices in --matrix, installed: `cell.run("import gymnasium")` runs in its Python."""
     if not hasattr(request, "param"):
         pytest.skip(f"the fixture `cell` {NEEDED}")
-    from harness.smoke.tried import tried  # noqa: PLC0415 - loaded by every pytest there is
+    from harness.smoke.tried import prepare_cell  # noqa: PLC0415 - loaded by every pytest there is
 
-    return tried(request.config, request.param)
+    return prepare_cell(request.config, request.param)
 
 
 @pytest.fixture(scope="session")

@@ -27,7 +27,7 @@ class CellFailed(AssertionError):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Ran:
+class CommandResult:
     """The result of a command in a cell: how it ended, and all that it printed."""
 
     exit_code: int | None
@@ -70,7 +70,9 @@ class CellUnderTest:
     def __repr__(self) -> str:
         return f"<cell {self.id}>"
 
-    def run(self, code: str, *arguments: str, timeout: float = 120.0, memory_mb: int = 6000, check: bool = True) -> Ran:
+    def run(
+        self, code: str, *arguments: str, timeout: float = 120.0, memory_mb: int = 6000, check: bool = True
+    ) -> CommandResult:
         """Run Python source in the cell, in the sandbox of probes. With `check`, raise CellFailed unless it exits 0."""
         __tracebackhide__ = True
         with scratch_folder() as scratch:
@@ -82,9 +84,9 @@ class CellUnderTest:
             raise CellFailed(message)
         return ran
 
-    def _run(self, code: str, arguments: tuple[str, ...], limits: process.Limits, scratch: Path) -> Ran:
+    def _run(self, code: str, arguments: tuple[str, ...], limits: process.Limits, scratch: Path) -> CommandResult:
         launch.furnish(self.site, scratch / "home")
-        folder, sealed = launch.entered(self.site, scratch)
+        folder, sealed = launch.prepare_environment(self.site, scratch)
         script = scratch / "script.py"
         script.write_text(code, encoding="utf-8")
         with self.site.code(folder, "tried") as lent:
@@ -104,7 +106,7 @@ class CellUnderTest:
         if done.killed or done.out_of_memory or done.shot:
             why = done.killed or (SHOT if done.shot else None) or f"it needs more than {limits.memory_mb} MB"
             pytest.fail(f"inconclusive: {self.id}: {why}", pytrace=False)
-        return Ran(
+        return CommandResult(
             exit_code=done.exit_code,
             signal=done.signal,
             timed_out=done.timed_out,
@@ -113,12 +115,12 @@ class CellUnderTest:
         )
 
 
-def tried(config: pytest.Config, cell: Cell) -> CellUnderTest:
+def prepare_cell(config: pytest.Config, cell: Cell) -> CellUnderTest:
     """Return the installed cell. If it cannot be installed, end the test as the item of its install would end."""
     record, site = config.stash[SESSION].measuring.environment(cell)
-    found = judging.seen(record)
-    for phase in found:
-        ended = judging.ended(cell, phase, found, frozenset(), now())
+    phases = judging.collect_phases(record)
+    for phase in phases:
+        ended = judging.judge_phase(cell, phase, phases, frozenset(), now())
         match ended.kind:
             case Kind.PASSED:
                 continue

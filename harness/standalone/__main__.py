@@ -15,7 +15,7 @@ from .doctor import choosing, doctor
 from .doctor.choosing import NoEnvironment
 from .explain import explain
 from .explain.wording import Place
-from .matching import Known, read
+from .matching import Signature, read
 
 SIGNATURES, MEASURED = "signatures.json", "measured.json.gz"
 """What the file carries beside the code."""
@@ -44,7 +44,7 @@ def main(arguments: Sequence[str]) -> int:
         parser.error("doctor runs no command")
     try:
         return _explain(args, command) if args.verb == "explain" else _doctor(args)
-    except (explain.Bad, NoEnvironment) as error:
+    except (explain.UsageError, NoEnvironment) as error:
         print("{}: {}".format(_program(), error), file=sys.stderr)
         return explain.BAD
     except KeyboardInterrupt:
@@ -59,7 +59,7 @@ def _program() -> str:
 
 def _explain(args: argparse.Namespace, command: Optional[List[str]]) -> int:
     place = Place(program=_program(), alone=True)
-    knowledge = explain.Knowledge(known=_known, measured=_measured)
+    knowledge = explain.Knowledge(known=_load_signatures, measured=_load_measurements)
     if command is None:
         return explain.of_text(args, knowledge, place)
     return explain.of_command(args, command, knowledge, place)
@@ -78,14 +78,16 @@ def _doctor(args: argparse.Namespace) -> int:
         message = "doctor --prove makes an environment, which needs the harness (Python 3.11 or newer): {}".format(
             PROVE
         )
-        raise explain.Bad(message)
-    asked = doctor.Asked(
-        args.python, args.env, dict(os.environ), os.getcwd(), args.rendering, running=choosing.environment_running()
+        raise explain.UsageError(message)
+    request = doctor.Request(
+        args.python, args.env, dict(os.environ), os.getcwd(), args.rendering, running=choosing.find_own_python()
     )
-    made = doctor.document(asked, running.run, doctor.Knowledge(_known(), lambda: _measured() or {}))
-    lines = wrapping.wrapped(doctor.lines(made, remedies.in_words), wrapping.width(sys.stdout))
-    doctor.printed(json.dumps(made) if args.json else "\n".join(lines))
-    return doctor.code(made)
+    document = doctor.document(
+        request, running.run, doctor.Knowledge(_load_signatures(), lambda: _load_measurements() or {})
+    )
+    lines = wrapping.wrap_lines(doctor.lines(document, remedies.in_words), wrapping.width(sys.stdout))
+    doctor.write_line(json.dumps(document) if args.json else "\n".join(lines))
+    return doctor.code(document)
 
 
 # --- what it carries -------------------------------------------------------------------------------------------
@@ -98,20 +100,20 @@ def _data(name: str) -> Optional[bytes]:
         return None
 
 
-def _known() -> List[Known]:
+def _load_signatures() -> List[Signature]:
     content = _data(SIGNATURES)
     if content is None:
         message = "this file carries no known failures; make it by `simmatrix doctor --standalone FILE`"
-        raise explain.Bad(message)
+        raise explain.UsageError(message)
     return [read(plain) for plain in json.loads(content.decode())]
 
 
-def _measured() -> Optional[Mapping[str, Any]]:
+def _load_measurements() -> Optional[Mapping[str, Any]]:
     content = _data(MEASURED)
     if content is None:
         return None
-    made: Dict[str, Any] = json.loads(gzip.decompress(content).decode())
-    return made
+    measurements: Dict[str, Any] = json.loads(gzip.decompress(content).decode())
+    return measurements
 
 
 if __name__ == "__main__":

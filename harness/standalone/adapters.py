@@ -57,10 +57,10 @@ def adapters() -> Dict[str, Adapter]:
     if content is not None:
         return read(content)
     names = sorted(each.name for each in pkgutil.iter_modules([FOLDER]) if each.name.startswith(PREFIX))
-    return {name[len(PREFIX) :]: _declared("{}.py".format(name)) for name in names}
+    return {name[len(PREFIX) :]: _read_adapter("{}.py".format(name)) for name in names}
 
 
-def carried() -> bytes:
+def encode_declarations() -> bytes:
     """Return the declarations as a file that runs alone carries them."""
     return json.dumps({api: adapter._asdict() for api, adapter in adapters().items()}, sort_keys=True).encode()
 
@@ -75,8 +75,8 @@ def read(content: bytes) -> Dict[str, Adapter]:
 
 def package(api: str) -> str:
     """Return the package that brings an API; its own name where none is declared."""
-    found = adapters().get(api, Adapter())
-    return next(iter(found.packages), api)
+    adapter = adapters().get(api, Adapter())
+    return next(iter(adapter.packages), api)
 
 
 def declarations(source: str) -> Dict[str, Any]:
@@ -89,13 +89,13 @@ def declarations(source: str) -> Dict[str, Any]:
         tree = ast.parse(source[: code.start()] if code else source)
     except SyntaxError:
         return {}
-    found = {}
+    fields = {}
     for node in tree.body:
         target = node.targets[0] if isinstance(node, ast.Assign) else None
         if isinstance(node, ast.Assign) and isinstance(target, ast.Name) and target.id in NAMES:
             field = NAMES[target.id]
-            found[field] = _literal(node.value, target.id, type(Adapter._field_defaults[field]))
-    return found
+            fields[field] = _literal(node.value, target.id, type(Adapter._field_defaults[field]))
+    return fields
 
 
 def _literal(node: ast.expr, name: str, kind: type) -> Any:
@@ -109,7 +109,7 @@ def _literal(node: ast.expr, name: str, kind: type) -> Any:
     return value
 
 
-def _declared(file: str) -> Adapter:
+def _read_adapter(file: str) -> Adapter:
     source = _data("../incell/{}".format(file)) or b""
     try:
         return Adapter(**declarations(source.decode("utf-8")))

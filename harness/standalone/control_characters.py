@@ -13,18 +13,18 @@ CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202
 """C0 but for tab and line feed, C1, marks that turn the direction of writing, and tags, which nobody sees."""
 
 
-def visible(text: str) -> str:
+def strip_controls(text: str) -> str:
     """Remove escape sequences and control characters; tabs and line feeds stay."""
     if text.isascii() and text.isprintable():
         return text
     return CONTROL.sub("", SEQUENCE.sub("", text))
 
 
-def escaped_in_json(text: str) -> str:
+def escape_json(text: str) -> str:
     """Write what a terminal would obey as `\\uXXXX`, as JSON may; the document stays the same."""
     return CONTROL.sub(_escape, text)
 
 
-def _escape(found: "re.Match[str]") -> str:
-    units = found.group(0).encode("utf-16-be")
+def _escape(match: "re.Match[str]") -> str:
+    units = match.group(0).encode("utf-16-be")
     return "".join("\\u{:02x}{:02x}".format(*units[place : place + 2]) for place in range(0, len(units), 2))

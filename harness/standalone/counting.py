@@ -20,11 +20,11 @@ class Fit(NamedTuple):
     says: bool
 
 
-def counting(fits: Iterable[Fit]) -> Tuple[Any, ...]:
+def select_counting(fits: Iterable[Fit]) -> Tuple[Any, ...]:
     """Return the known failures that count, in the order given, which is the deepest cause first."""
-    kept = _causes(fits)
-    specific = {one.seen for one in kept if not one.masks and not one.generic and one.seen}
-    return tuple(one.known for one in kept if one.masks or not (one.generic and one.seen in specific))
+    causes = _causes(fits)
+    specific = {one.seen for one in causes if not one.masks and not one.generic and one.seen}
+    return tuple(one.known for one in causes if one.masks or not (one.generic and one.seen in specific))
 
 
 def nameable(fits: Iterable[Fit]) -> Tuple[Any, ...]:
@@ -41,6 +41,6 @@ def _causes(fits: Iterable[Fit]) -> List[Fit]:
     return [one for one in there if not one.masks] or [one for one in there if one.says]
 
 
-def says(seen: str, lines: Iterable[str]) -> bool:
+def is_stated(seen: str, lines: Iterable[str]) -> bool:
     """Return whether one of the lines that say why is that by which a known failure was told."""
     return any(seen in line for line in lines)

@@ -10,7 +10,7 @@ import re
 import signal
 from typing import Iterator, Mapping, NamedTuple, Sequence
 
-from .control_characters import SEQUENCE, visible
+from .control_characters import SEQUENCE, strip_controls
 
 LIMIT = 300
 """Characters of a decisive line."""
@@ -46,7 +46,7 @@ CHANGING = (
 def strip_ansi(text: str) -> str:
     """Remove what a terminal would obey, and keep what a carriage return left standing."""
     lines = SEQUENCE.sub("", text).replace("\r\n", "\n").split("\n")
-    return visible("\n".join(line.rstrip("\r").rpartition("\r")[2] for line in lines))
+    return strip_controls("\n".join(line.rstrip("\r").rpartition("\r")[2] for line in lines))
 
 
 def normalise(text: str, places: Mapping[str, str]) -> str:
@@ -66,15 +66,15 @@ def decisive_line(text: str) -> str | None:
     exception = original(lines)
     compiler = _compiler(lines)
     if exception and not (compiler and re.search(r"command .* failed|CalledProcessError|CompileError", exception)):
-        return bounded(exception)
+        return shorten_line(exception)
     rules = (_fatal, _resolver, lambda _: compiler, _complaint, _last)
-    said = (rule(lines) for rule in rules)
-    return next((bounded(line) for line in said if line), None)
+    candidates = (rule(lines) for rule in rules)
+    return next((shorten_line(line) for line in candidates if line), None)
 
 
-def bounded(text: str) -> str:
+def shorten_line(text: str) -> str:
     """Return a text as one line of at most `LIMIT` characters: line breaks become ` / `, repeated blanks one."""
-    parts = (" ".join(visible(part).split()) for part in text.splitlines())
+    parts = (" ".join(strip_controls(part).split()) for part in text.splitlines())
     line = " / ".join(part for part in parts if part)
     return line if len(line) <= LIMIT else line[: LIMIT - 1].rstrip() + "…"
 
@@ -204,9 +204,9 @@ ERROR = re.compile(r"^\s*(?:\w+: )?(?:fatal |[\w.]*)(?:error|exception)(?: in [\
 def _fatal(lines: Sequence[str]) -> str | None:
     """Return the line in which C++, glibc or faulthandler reports a crash; the former two say more."""
     for pattern in (r"^\s*what\(\):\s", r": Assertion .* failed", r"^Fatal Python error: "):
-        found = next((line for line in lines if re.search(pattern, line)), None)
-        if found:
-            return found
+        fatal_line = next((line for line in lines if re.search(pattern, line)), None)
+        if fatal_line:
+            return fatal_line
     return None
 
 
@@ -236,8 +236,8 @@ def _compiler(lines: Sequence[str]) -> str | None:
 
 def _complaint(lines: Sequence[str]) -> str | None:
     """Quote the last line that calls itself an error; `error in gym setup command` is setuptools' way."""
-    said = [line for line in lines if ERROR.match(line)]
-    return said[-1] if said else None
+    complaints = [line for line in lines if ERROR.match(line)]
+    return complaints[-1] if complaints else None
 
 
 def _last(lines: Sequence[str]) -> str | None:
@@ -247,7 +247,7 @@ def _last(lines: Sequence[str]) -> str | None:
 # --- how a process died -----------------------------------------------------------------------------------------
 
 
-def death(exit_code: int | None, number: int | None, stacks: str) -> str:
+def describe_death(exit_code: int | None, number: int | None, stacks: str) -> str:
     """Describe how a process died.
 
     `stacks` is the output of faulthandler, after the process's log where there is one.
@@ -262,8 +262,8 @@ def death(exit_code: int | None, number: int | None, stacks: str) -> str:
         name = f"signal {number}"
     fatal = _fatal(strip_ansi(stacks).splitlines())
     where = innermost_frame(stacks)
-    told = f"killed by {name}" + (f" ({fatal.strip()})" if fatal else "") + (f" in {where}" if where else "")
-    return bounded(told)
+    description = f"killed by {name}" + (f" ({fatal.strip()})" if fatal else "") + (f" in {where}" if where else "")
+    return shorten_line(description)
 
 
 def innermost_frame(stacks: str) -> str | None:

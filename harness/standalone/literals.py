@@ -31,10 +31,12 @@ def clauses(pattern: str) -> Tuple[Clause, ...]:
         parsed = _parser.parse(pattern, re.MULTILINE)
         if (parsed.state if hasattr(parsed, "state") else parsed.pattern).flags & re.IGNORECASE:
             return ()
-        found = [clause for clause in _of_sequence(list(parsed)) if _worth(clause)]
+        candidates = [clause for clause in _of_sequence(list(parsed)) if _worth(clause)]
     except Exception:  # the parser is Python's own affair: what it gives may change, and without it all is slower only
         return ()
-    return tuple(sorted(set(found), key=lambda one: (-min(map(len, one)), len(one), sorted(one)))[:MOST])
+    return tuple(
+        sorted(set(candidates), key=lambda literals: (-min(map(len, literals)), len(literals), sorted(literals)))[:MOST]
+    )
 
 
 def possible(pattern: str, text: str) -> bool:
@@ -76,5 +78,5 @@ def _of_one(operation: str, argument: Any) -> Iterator[Clause]:
 
 def _best(items: Sequence[Tuple[Any, Any]]) -> Clause:
     """Return the most telling clause of one alternative; an empty one if it has none."""
-    known = [clause for clause in _of_sequence(items) if _worth(clause)]
-    return max(known, key=lambda one: min(map(len, one))) if known else frozenset()
+    candidates = [clause for clause in _of_sequence(items) if _worth(clause)]
+    return max(candidates, key=lambda literals: min(map(len, literals))) if candidates else frozenset()

@@ -23,7 +23,7 @@ from typing import (
 )
 
 from . import literals
-from .lines import bounded
+from .lines import shorten_line
 from .requirements import requirement
 from .versions import canonical, specifiers, unsatisfiable
 
@@ -40,7 +40,7 @@ class Part(NamedTuple):
     requirements: Tuple[str, ...]
 
 
-class Known(NamedTuple):
+class Signature(NamedTuple):
     """A known failure, `plain` as its file has it."""
 
     plain: Mapping[str, Any]
@@ -70,10 +70,10 @@ class Known(NamedTuple):
         return bool(self.pattern or self.signal)
 
 
-def read(plain: Mapping[str, Any]) -> Known:
+def read(plain: Mapping[str, Any]) -> Signature:
     """Make a known failure of its keys in a file of signatures."""
     parts = (each if isinstance(each, (list, tuple)) else [each] for each in plain.get("packages", ()))
-    return Known(
+    return Signature(
         plain=plain,
         id=plain["id"],
         phases=tuple(plain.get("phases", ())),
@@ -91,18 +91,18 @@ def read(plain: Mapping[str, Any]) -> Known:
     )
 
 
-def diagnosis(one: Any, phase: Optional[str] = None, seen: str = "") -> Dict[str, Any]:
+def diagnosis(signature: Any, phase: Optional[str] = None, seen: str = "") -> Dict[str, Any]:
     """Return a known failure as documents hold it, with the phase that it shows in, and the line that showed it."""
-    plain = one.plain
+    plain = signature.plain
     return {
-        "signature": one.id,
+        "signature": signature.id,
         "cause": plain["cause"],
         "remedy": dict(plain.get("remedy", {})),
         "proven": False,
         "proof": None,
-        "masks": one.masks,
+        "masks": signature.masks,
         "references": list(plain.get("references", ())),
-        "generic": one.generic,
+        "generic": signature.generic,
         "phase": phase,
         "seen": seen,
     }
@@ -148,26 +148,28 @@ class Diagnosis(NamedTuple):
         return rank(self.signature, not self.told, _order(self.phase))
 
 
-def rank(known: Any, *nearness: int) -> Tuple[Any, ...]:
+def rank(signature: Any, *nearness: int) -> Tuple[Any, ...]:
     """Return the sort key of a known failure that fits: the deepest cause first, of equal ones the nearest."""
-    return (known.masks, not known.phases, known.generic, *nearness)
+    return (signature.masks, not signature.phases, signature.generic, *nearness)
 
 
 def _order(phase: Optional[str]) -> int:
     return PHASES.index(phase) if phase else len(PHASES)
 
 
-def diagnose(known: Iterable[Any], evidence: Sequence[Evidence], around: Around) -> Tuple[Diagnosis, ...]:
+def diagnose(signatures: Iterable[Any], evidence: Sequence[Evidence], around: Around) -> Tuple[Diagnosis, ...]:
     """Return the known failures that fit, each once, the deepest cause first; equal ones by what failed first."""
-    look = _looking(around)
-    found: List[Tuple[Any, int, Diagnosis]] = []
-    for one in known:
-        if one.loud and _fits(one, around, look):
-            hits = [(hit.rank, place, hit) for place, hit in enumerate(_hit(one, each) for each in evidence) if hit]
+    look = _build_look(around)
+    candidates: List[Tuple[Any, int, Diagnosis]] = []
+    for signature in signatures:
+        if signature.loud and _fits(signature, around, look):
+            hits = [
+                (hit.rank, place, hit) for place, hit in enumerate(_hit(signature, each) for each in evidence) if hit
+            ]
             hits = [each for each in hits if not _beside_the_point(each[2])]
             if hits:
-                found.append(min(hits, key=lambda each: each[:2]))
-    return tuple(hit for _, _, hit in sorted(found, key=lambda each: each[:2]))
+                candidates.append(min(hits, key=lambda each: each[:2]))
+    return tuple(hit for _, _, hit in sorted(candidates, key=lambda each: each[:2]))
 
 
 def _beside_the_point(hit: Diagnosis) -> bool:
@@ -178,57 +180,57 @@ def _beside_the_point(hit: Diagnosis) -> bool:
     return hit.signature.masks and not hit.told and hit.phase in PROBED
 
 
-def lurking(known: Iterable[K], around: Around) -> Tuple[K, ...]:
+def lurking(signatures: Iterable[K], around: Around) -> Tuple[K, ...]:
     """Return the silent failures that the installed packages run into: all their packages are there."""
-    silent = [one for one in known if one.silent]  # type: ignore[attr-defined]
-    look = _looking(around) if silent else None
+    silent = [one for one in signatures if one.silent]  # type: ignore[attr-defined]
+    look = _build_look(around) if silent else None
     return tuple(one for one in silent if look and _of_python(one, around) and _standing(one, look))
 
 
-def matches(known: Iterable[Any], evidence: Any) -> Iterator[Diagnosis]:
+def matches(signatures: Iterable[Any], evidence: Any) -> Iterator[Diagnosis]:
     """Yield the known failures that the evidence shows, whatever is installed, in their order."""
-    for one in known:
-        hit = _hit(one, evidence)
+    for signature in signatures:
+        hit = _hit(signature, evidence)
         if hit:
             yield hit
 
 
-def standing(known: Sequence[Any], around: Any) -> List[Optional[bool]]:
+def check_packages(signatures: Sequence[Any], around: Any) -> List[Optional[bool]]:
     """Return whether the packages that take part in each are there; None where that cannot be told of all of them."""
-    look = _looking(around)
-    return [_standing(one, look) for one in known]
+    look = _build_look(around)
+    return [_standing(one, look) for one in signatures]
 
 
-def _hit(one: Any, evidence: Any) -> Optional[Diagnosis]:
+def _hit(signature: Any, evidence: Any) -> Optional[Diagnosis]:
     """Return the hit of a known failure in the evidence; None if it does not fit."""
-    if one.phases and evidence.phase is not None and evidence.phase not in one.phases:
+    if signature.phases and evidence.phase is not None and evidence.phase not in signature.phases:
         return None
-    if one.signal and one.signal != evidence.signal:
+    if signature.signal and signature.signal != evidence.signal:
         return None
-    if one.wording is None:
-        return Diagnosis(one, evidence.phase, "killed by {}".format(one.signal), told=True)
-    return _by_code(one, evidence) or _by_pattern(one, evidence)
+    if signature.wording is None:
+        return Diagnosis(signature, evidence.phase, "killed by {}".format(signature.signal), told=True)
+    return _by_code(signature, evidence) or _by_pattern(signature, evidence)
 
 
-def _by_code(one: Any, evidence: Any) -> Optional[Diagnosis]:
+def _by_code(signature: Any, evidence: Any) -> Optional[Diagnosis]:
     """Return the hit of the observation that has the code and data of this failure; None without one."""
-    for each in evidence.observed or () if one.code else ():
-        if one.observes(each.observed):
-            return Diagnosis(one, evidence.phase, bounded(each.line), told=each.told)
+    for each in evidence.observed or () if signature.code else ():
+        if signature.observes(each.observed):
+            return Diagnosis(signature, evidence.phase, shorten_line(each.line), told=each.told)
     return None
 
 
-def _by_pattern(one: Any, evidence: Any) -> Optional[Diagnosis]:
+def _by_pattern(signature: Any, evidence: Any) -> Optional[Diagnosis]:
     """Return the hit of the text that the failure's pattern finds; None without one.
 
     If there are only texts, a pattern that finds our own sentences, too, is used.
     """
-    pattern = one.wording if evidence.observed is None else one.pattern
-    for told, texts in ((True, evidence.told), (False, evidence.logs)):
+    pattern = signature.wording if evidence.observed is None else signature.pattern
+    for is_reason, texts in ((True, evidence.told), (False, evidence.logs)):
         for text in texts if pattern else ():
-            found = search(pattern, text)
-            if found:
-                return Diagnosis(one, evidence.phase, _line(text, found), told=told)
+            match = search(pattern, text)
+            if match:
+                return Diagnosis(signature, evidence.phase, _line(text, match), told=is_reason)
     return None
 
 
@@ -243,11 +245,11 @@ def search(pattern: str, text: str) -> Optional[re.Match[str]]:
     return compiled(pattern).search(text) if literals.possible(pattern, text) else None
 
 
-def _line(text: str, found: re.Match[str]) -> str:
+def _line(text: str, match: re.Match[str]) -> str:
     """Return the line on which a match ends; of a traceback and its exception that is the exception."""
-    start = text.rfind("\n", 0, max(found.end() - 1, 0)) + 1
-    stop = text.find("\n", found.end())
-    return bounded(text[start : stop if stop >= 0 else len(text)])
+    start = text.rfind("\n", 0, max(match.end() - 1, 0)) + 1
+    stop = text.find("\n", match.end())
+    return shorten_line(text[start : stop if stop >= 0 else len(text)])
 
 
 # --- packages --------------------------------------------------------------------------------------------------
@@ -256,41 +258,41 @@ Look = Callable[[str], Optional[bool]]
 """Whether the package that a requirement names is there in such a version; None where that is not known."""
 
 
-def _fits(one: Any, around: Any, look: Look) -> bool:
+def _fits(signature: Any, around: Any, look: Look) -> bool:
     """Return whether packages and Python allow this failure.
 
     Unknown packages do not speak against it, but a generic failure needs all of them to fit.
     """
-    if not _of_python(one, around):
+    if not _of_python(signature, around):
         return False
-    found = _standing(one, look)
-    return found is True if one.generic else found is not False
+    holds = _standing(signature, look)
+    return holds is True if signature.generic else holds is not False
 
 
-def _of_python(one: Any, around: Any) -> bool:
-    return not (one.python and around.python) or specifiers(one.python).admits(around.python)
+def _of_python(signature: Any, around: Any) -> bool:
+    return not (signature.python and around.python) or specifiers(signature.python).admits(around.python)
 
 
-def _standing(one: Any, look: Look) -> Optional[bool]:
+def _standing(signature: Any, look: Look) -> Optional[bool]:
     """Return whether each part holds: one at least of its requirements."""
-    found = [_any([look(text) for text in part.requirements]) for part in one.packages]
-    return False if False in found else None if None in found else True
+    results = [_any([look(text) for text in part.requirements]) for part in signature.packages]
+    return False if False in results else None if None in results else True
 
 
-def _any(found: List[Optional[bool]]) -> Optional[bool]:
+def _any(results: List[Optional[bool]]) -> Optional[bool]:
     """Return whether one of several holds; None where that cannot be told."""
-    return True if True in found else None if None in found else False
+    return True if True in results else None if None in results else False
 
 
-def _looking(around: Any) -> Look:
+def _build_look(around: Any) -> Look:
     """Return a function that tells whether a requirement holds; it returns None if that is unknown."""
     if around.installed is not None:
         installed = {canonical(name): version for name, version in around.installed.items()}
         return lambda text: _installed(text, installed)
-    asked: Dict[str, List[Any]] = {}
+    constraints: Dict[str, List[Any]] = {}
     for text in around.requirements:
-        asked.setdefault(requirement(text).name, []).append(requirement(text).specifiers)
-    return lambda text: _asked_for(text, asked)
+        constraints.setdefault(requirement(text).name, []).append(requirement(text).specifiers)
+    return lambda text: _asked_for(text, constraints)
 
 
 def _installed(text: str, installed: Mapping[str, str]) -> bool:
@@ -298,8 +300,8 @@ def _installed(text: str, installed: Mapping[str, str]) -> bool:
     return wanted.name in installed and wanted.specifiers.admits(installed[wanted.name])
 
 
-def _asked_for(text: str, asked: Mapping[str, List[Any]]) -> Optional[bool]:
+def _asked_for(text: str, constraints: Mapping[str, List[Any]]) -> Optional[bool]:
     wanted = requirement(text)
-    if wanted.name not in asked:
+    if wanted.name not in constraints:
         return None
-    return not unsatisfiable([wanted.specifiers, *asked[wanted.name]])
+    return not unsatisfiable([wanted.specifiers, *constraints[wanted.name]])

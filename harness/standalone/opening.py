@@ -15,7 +15,7 @@ NAMED_PIPE = "it is a named pipe, which may never end; give a file, or a pipe of
 DEVICE = "it is a device, not a file"
 
 
-def opened(path: str) -> BinaryIO:
+def open_file(path: str) -> BinaryIO:
     """Open a regular file, or a pipe of the shell, to read. Raises OSError with a sentence for all else."""
     try:
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))

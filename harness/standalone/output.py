@@ -7,7 +7,7 @@ import os
 import sys
 from typing import Any, TextIO
 
-from .control_characters import escaped_in_json, visible
+from .control_characters import escape_json, strip_controls
 
 
 class _Pipe(io.FileIO):
@@ -35,7 +35,7 @@ class _Guarded(io.TextIOWrapper):
     """Removes what a terminal would obey from all text."""
 
     def write(self, text: str) -> int:
-        super().write(visible(text))
+        super().write(strip_controls(text))
         return len(text)
 
     def write_styled(self, text: str) -> int:
@@ -79,11 +79,11 @@ def _guarded(stream: io.TextIOWrapper) -> TextIO:
 
 def styled(stream: TextIO) -> TextIO:
     """Return a stream for a library that writes colours of its own."""
-    made: Any = _Styled(stream) if isinstance(stream, _Guarded) else stream
-    return made  # type: ignore[no-any-return]
+    target: Any = _Styled(stream) if isinstance(stream, _Guarded) else stream
+    return target  # type: ignore[no-any-return]
 
 
 def print_json(content: bytes) -> None:
     """Print a JSON document on stdout."""
-    text = escaped_in_json(content.decode()).rstrip("\n")
+    text = escape_json(content.decode()).rstrip("\n")
     sys.stdout.write(text + "\n")

@@ -44,14 +44,14 @@ def of_interpreter(python: str, variables: Mapping[str, str], folder: str = ".")
     version, entries = _entries(path, variables)
     installed: Dict[str, str] = {}
     for entry in entries:
-        for name, one in _distributions(entry):
-            installed.setdefault(name, one)
+        for name, candidate in _distributions(entry):
+            installed.setdefault(name, candidate)
     return Packages(path, version, installed)
 
 
 def _interpreter(word: str, variables: Mapping[str, str], folder: str) -> Optional[str]:
     """Return the interpreter that a word of a command line is, or that the first line of its script names."""
-    path = _found(word, variables, folder)
+    path = _find_executable(word, variables, folder)
     if path is None or PYTHON.match(os.path.basename(path)):
         return path
     try:
@@ -61,13 +61,13 @@ def _interpreter(word: str, variables: Mapping[str, str], folder: str) -> Option
         return None
     for shebang, rest, executed in SHEBANG.findall(head) if head.startswith(b"#!") else ():
         words = [os.fsdecode(one) for one in (executed, shebang, *rest.split()) if one]
-        for one in words:
-            if PYTHON.match(os.path.basename(one)):
-                return _found(one, variables, folder)
+        for part in words:
+            if PYTHON.match(os.path.basename(part)):
+                return _find_executable(part, variables, folder)
     return None
 
 
-def _found(word: str, variables: Mapping[str, str], folder: str) -> Optional[str]:
+def _find_executable(word: str, variables: Mapping[str, str], folder: str) -> Optional[str]:
     """Return the file that a shell runs for a word; None if there is none."""
     if os.sep in word:
         path = os.path.join(folder, os.path.expanduser(word))
@@ -85,18 +85,18 @@ def _behind_shim(path: str, variables: Mapping[str, str], folder: str) -> str:
         return path
     chosen = variables.get("PYENV_VERSION") or _near(folder) or _text(os.path.join(root, "version"))
     for version in re.split(r"[:\s]+", chosen.strip()):
-        found = os.path.join(root, "versions", version, "bin", name)
-        if version and os.path.isfile(found):
-            return found
+        interpreter = os.path.join(root, "versions", version, "bin", name)
+        if version and os.path.isfile(interpreter):
+            return interpreter
     return path
 
 
 def _near(folder: str) -> str:
     here = os.path.abspath(folder)
     while True:
-        said = _text(os.path.join(here, ".python-version"))
-        if said or os.path.dirname(here) == here:
-            return said
+        content = _text(os.path.join(here, ".python-version"))
+        if content or os.path.dirname(here) == here:
+            return content
         here = os.path.dirname(here)
 
 
@@ -108,12 +108,12 @@ def _entries(path: str, variables: Mapping[str, str]) -> "tuple[Optional[str], L
     extra = [one for one in variables.get("PYTHONPATH", "").split(os.pathsep) if one]
     root = os.path.dirname(os.path.dirname(os.path.abspath(path)))
     settings = _text(os.path.join(root, "pyvenv.cfg")) or _text(os.path.join(os.path.dirname(path), "pyvenv.cfg"))
-    told = RELEASE.search(settings)
+    match = RELEASE.search(settings)
     if settings:
-        own = list(_folders(root, told.group(1) if told else None))
+        own = list(_folders(root, match.group(1) if match else None))
         shared = re.search(r"^include-system-site-packages\s*=\s*true", settings, re.MULTILINE | re.IGNORECASE)
         base = list(_base(os.path.realpath(path), variables)) if shared else []
-        return told.group(1) if told else _version(own), [*extra, *own, *base]
+        return match.group(1) if match else _version(own), [*extra, *own, *base]
     own = list(_base(os.path.realpath(path), variables))
     return _release(os.path.realpath(path)) or _version(own), [*extra, *own]
 
@@ -141,25 +141,25 @@ def _folders(root: str, version: Optional[str]) -> Iterator[str]:
         inner = [os.path.join(place, name) for name in _names(place) if _fits(name, minor)]
         for folder in [place, *inner] if library == "Lib" else inner:
             for kind in ("site-packages", "dist-packages"):
-                found = os.path.join(folder, kind)
-                if os.path.isdir(found) and not os.path.islink(place):
-                    yield found
+                path = os.path.join(folder, kind)
+                if os.path.isdir(path) and not os.path.islink(place):
+                    yield path
 
 
 def _fits(name: str, minor: Optional[str]) -> bool:
-    found = FOLDER.match(name)
-    return bool(found) and (minor is None or found.group(1) == minor) if found else False
+    match = FOLDER.match(name)
+    return bool(match) and (minor is None or match.group(1) == minor) if match else False
 
 
 def _version(entries: Sequence[str]) -> Optional[str]:
     """Return the version that the folders of an interpreter are named after; None if they name several."""
-    found = {
+    versions = {
         match.group(1)
         for entry in entries
         for match in [FOLDER.match(os.path.basename(os.path.dirname(entry)))]
         if match
     }
-    return found.pop() if len(found) == 1 else None
+    return versions.pop() if len(versions) == 1 else None
 
 
 def _release(path: str) -> Optional[str]:
@@ -167,8 +167,8 @@ def _release(path: str) -> Optional[str]:
     root = os.path.dirname(os.path.dirname(path))
     named = re.match(r"(?:c?python-)?(\d+\.\d+\.\d+)(?:-|$)", os.path.basename(root))
     notes = (re.match(r"python-(\d+\.\d+\.\d+)-", name) for name in _names(os.path.join(root, "conda-meta")))
-    found = named or next((match for match in notes if match), None)
-    return found.group(1) if found else None
+    first_match = named or next((match for match in notes if match), None)
+    return first_match.group(1) if first_match else None
 
 
 # --- what lies there -------------------------------------------------------------------------------------------
@@ -182,9 +182,9 @@ def _distributions(entry: str) -> "Iterator[tuple[str, str]]":
             continue
         path = os.path.join(entry, name)
         file = path if os.path.isfile(path) else os.path.join(path, "METADATA" if kind == "dist-info" else "PKG-INFO")
-        said = dict(re.findall(r"^(Name|Version):[ \t]*(\S+)", _text(file).partition("\n\n")[0], re.MULTILINE))
+        metadata = dict(re.findall(r"^(Name|Version):[ \t]*(\S+)", _text(file).partition("\n\n")[0], re.MULTILINE))
         parts = stem.split("-")
-        title, version = said.get("Name", parts[0]), said.get("Version", parts[1] if len(parts) > 1 else "")
+        title, version = metadata.get("Name", parts[0]), metadata.get("Version", parts[1] if len(parts) > 1 else "")
         if version:
             yield canonical(title), version
 

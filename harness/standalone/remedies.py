@@ -19,15 +19,15 @@ VERBS = (
 
 def in_words(remedy: Mapping[str, Any]) -> str:
     """Describe a remedy: first the steps that a machine can take, then its text."""
-    return ". ".join(filter(None, ("; ".join(does(remedy)), str(remedy.get("text", "")))))
+    return ". ".join(filter(None, ("; ".join(describe_steps(remedy)), str(remedy.get("text", "")))))
 
 
-def does(remedy: Mapping[str, Any]) -> Iterator[str]:
+def describe_steps(remedy: Mapping[str, Any]) -> Iterator[str]:
     """Yield the steps of a remedy that a machine can take, in a few words each."""
     for verb, key in VERBS:
-        said = remedy.get(key) or ()
-        if said:
-            yield "{} {}".format(verb, ", ".join("`{}`".format(each) for each in _each(said)))
+        values = remedy.get(key) or ()
+        if values:
+            yield "{} {}".format(verb, ", ".join("`{}`".format(each) for each in _each(values)))
     variables = remedy.get("environment") or {}
     for verb, names in (
         ("set", [one for one in _each(variables) if not one.endswith("=")]),
@@ -41,7 +41,7 @@ def does(remedy: Mapping[str, Any]) -> Iterator[str]:
         yield "resolved as of {}".format(remedy["as_of"])
 
 
-def _each(said: Any) -> List[str]:
-    if isinstance(said, Mapping):
-        return ["{}={}".format(name, value) for name, value in said.items()]
-    return [str(each) for each in said]
+def _each(values: Any) -> List[str]:
+    if isinstance(values, Mapping):
+        return ["{}={}".format(name, value) for name, value in values.items()]
+    return [str(each) for each in values]

@@ -9,11 +9,11 @@ import tempfile
 from contextlib import suppress
 from typing import Callable, Mapping, NamedTuple, Optional, Sequence
 
-KEPT = 400000
+OUTPUT_LIMIT = 400000
 """Bytes of the output that are read."""
 
 
-class Ran(NamedTuple):
+class ProcessResult(NamedTuple):
     """The end of a process; `output` is what it wrote, both streams in order."""
 
     code: Optional[int]
@@ -22,11 +22,11 @@ class Ran(NamedTuple):
     output: str
 
 
-Run = Callable[[Sequence[str], Mapping[str, str], str, float], Ran]
+Run = Callable[[Sequence[str], Mapping[str, str], str, float], ProcessResult]
 """Runs a command with these variables, in this folder, for so many seconds at most."""
 
 
-def run(argv: Sequence[str], variables: Mapping[str, str], folder: str, seconds: float) -> Ran:
+def run(argv: Sequence[str], variables: Mapping[str, str], folder: str, seconds: float) -> ProcessResult:
     """Run a command to its end, or to that of its time; then its whole group is ended."""
     with tempfile.TemporaryFile() as log:
         try:
@@ -40,7 +40,7 @@ def run(argv: Sequence[str], variables: Mapping[str, str], folder: str, seconds:
                 start_new_session=True,
             )
         except OSError as error:
-            return Ran(None, None, timed_out=False, output="{}: {}".format(argv[0], error.strerror))
+            return ProcessResult(None, None, timed_out=False, output="{}: {}".format(argv[0], error.strerror))
         timed_out = False
         try:
             process.wait(seconds)
@@ -48,10 +48,10 @@ def run(argv: Sequence[str], variables: Mapping[str, str], folder: str, seconds:
             timed_out = True
         finally:
             _end(process)
-        log.seek(max(0, log.seek(0, os.SEEK_END) - KEPT))
+        log.seek(max(0, log.seek(0, os.SEEK_END) - OUTPUT_LIMIT))
         output = log.read().decode("utf-8", "replace")
     code = process.returncode
-    return Ran(None if code < 0 else code, name(-code) if code < 0 else None, timed_out, output)
+    return ProcessResult(None if code < 0 else code, name(-code) if code < 0 else None, timed_out, output)
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:

@@ -12,7 +12,7 @@ SHOWING = frozenset(("failed", "flaky"))
 """Outcomes of a misleading check that show an issue."""
 
 
-class Exercised(NamedTuple):
+class CaseResult(NamedTuple):
     """One case as it was measured: its environment as it was asked for, and how its phases and checks ended.
 
     `opengl` is whether an OpenGL context drew its pictures.
@@ -30,7 +30,7 @@ def plainly_good(verdict: str, unverified: Iterable[str]) -> bool:
     return verdict == "works" and not any(name.startswith(PREFIX) for name in unverified)
 
 
-def open_issues(lurking: Iterable[Any], case: Exercised) -> Tuple[str, ...]:
+def open_issues(lurking: Iterable[Any], case: CaseResult) -> Tuple[str, ...]:
     """Return the silent issues, as `silent:ID`, that fit a case and that no check has shown or refuted.
 
     `lurking` are those whose packages are all installed.
@@ -39,26 +39,26 @@ def open_issues(lurking: Iterable[Any], case: Exercised) -> Tuple[str, ...]:
     return tuple(PREFIX + one.id for one in fitting if case.checks.get(one.check) not in {PASSED, *SHOWING})
 
 
-def shown_issues(lurking: Iterable[Any], case: Exercised, misleading: Iterable[str]) -> Iterator[Any]:
+def shown_issues(lurking: Iterable[Any], case: CaseResult, misleading: Iterable[str]) -> Iterator[Any]:
     """Yield the silent issues that a misleading check has shown in a case."""
     failed = {name for name in misleading if case.checks.get(name) in SHOWING}
-    for one in lurking:
-        if one.check in failed and concerns(one, case.env, case.api):
-            yield one
+    for issue in lurking:
+        if issue.check in failed and concerns(issue, case.env, case.api):
+            yield issue
 
 
-def concerns(one: Any, env: Optional[str], api: Optional[str]) -> bool:
+def concerns(issue: Any, env: Optional[str], api: Optional[str]) -> bool:
     """Return whether an issue speaks of an environment, given by its id as it was asked for, and of an API.
 
     Where either is not known, nothing speaks against it. A pattern that begins with `!` leaves environments out.
     """
-    if one.apis and api is not None and api not in one.apis:
+    if issue.apis and api is not None and api not in issue.apis:
         return False
-    if not one.envs or env is None:
-        return not one.envs or api is None
+    if not issue.envs or env is None:
+        return not issue.envs or api is None
     names = {env, env.rpartition(":")[2]}
-    left_out = [pattern[1:] for pattern in one.envs if pattern.startswith("!")]
-    named = [pattern for pattern in one.envs if not pattern.startswith("!")]
+    left_out = [pattern[1:] for pattern in issue.envs if pattern.startswith("!")]
+    named = [pattern for pattern in issue.envs if not pattern.startswith("!")]
     return not _any(names, left_out) and (not named or _any(names, named))
 
 
@@ -66,8 +66,8 @@ def _any(names: Iterable[str], patterns: Sequence[str]) -> bool:
     return any(fnmatchcase(name, pattern) for name in names for pattern in patterns)
 
 
-def _passed_there(one: Any, case: Exercised) -> bool:
+def _passed_there(issue: Any, case: CaseResult) -> bool:
     """Return whether a phase passed in which the issue would have been met."""
-    if one.opengl and not case.opengl:
+    if issue.opengl and not case.opengl:
         return False
-    return any(case.phases.get(phase) == PASSED for phase in one.phases or ("single",))
+    return any(case.phases.get(phase) == PASSED for phase in issue.phases or ("single",))

@@ -19,7 +19,7 @@ def width(stream: TextIO) -> Optional[int]:
     return max(shutil.get_terminal_size().columns, NARROWEST)
 
 
-def wrapped(lines: Iterable[str], columns: Optional[int]) -> Iterator[str]:
+def wrap_lines(lines: Iterable[str], columns: Optional[int]) -> Iterator[str]:
     """Yield the lines; those that are sentences with a label are broken between words, the rest below the text."""
     for line in lines:
         label = SENTENCE.match(line)

@@ -352,15 +352,15 @@ class AsyncVectorEnv(gym.vector.VectorEnv):
         for env_fn in env_fns:
             here, there = started.Pipe()
             self.parent_pipes.append(here)
-            made = utils.CloudpickleWrapper(env_fn)
-            self.processes.append(started.Process(target=serve, args=(made, there, here), daemon=True))
+            pickled_fn = utils.CloudpickleWrapper(env_fn)
+            self.processes.append(started.Process(target=serve, args=(pickled_fn, there, here), daemon=True))
             self.processes[-1].start()
             there.close()
         self._all("observation_space", [None] * len(env_fns))
 
     def _all(self, name, arguments):
-        for pipe, one in zip(self.parent_pipes, arguments):
-            pipe.send((name, one))
+        for pipe, argument in zip(self.parent_pipes, arguments):
+            pipe.send((name, argument))
         return [pipe.recv() for pipe in self.parent_pipes]
 
     def call_each(self, name, args_list):
@@ -390,7 +390,7 @@ def serve(env_fn, pipe, other):
     other.close()
     while True:
         name, arguments = pipe.recv()
-        found = getattr(env, name)
-        pipe.send(found(*arguments) if arguments is not None else found)
+        attribute = getattr(env, name)
+        pipe.send(attribute(*arguments) if arguments is not None else attribute)
         if name == "close":
             return

@@ -66,8 +66,8 @@ def run(python: str, pyz: Path, *arguments: str, given: bytes = b"", cwd: Path) 
 @pytest.fixture(scope="module")
 def answers() -> dict[str, tuple[int, dict[str, object]]]:
     """Return the host's exit code and answer for each log, using only the data that is shipped with it."""
-    known, here = verb.known(), explaining.Here(measured=result_index.shipped())
-    made = {name: explaining.explained(text, known, here) for name, text in LOGS.items()}
+    known, here = verb.signatures(), explaining.Facts(measured=result_index.load_shipped())
+    made = {name: explaining.explain_text(text, known, here) for name, text in LOGS.items()}
     return {name: (0 if one.cause else explain.UNKNOWN, one.plain()) for name, one in made.items()}
 
 
@@ -136,7 +136,7 @@ def test_bad_input_is_told(pyz: Path, tmp_path: Path) -> None:
 
 def test_equal_contents_make_an_equal_file(pyz: Path) -> None:
     """Byte for byte, small, and without a path of this machine."""
-    made = doctor_pyz.content(shipped_signatures.known(), result_index.shipped())
+    made = doctor_pyz.content(shipped_signatures.load_all(), result_index.load_shipped())
     assert made == pyz.read_bytes()
     assert len(made) < BOUND
     with zipfile.ZipFile(pyz) as archive:
@@ -160,4 +160,4 @@ def test_a_python_that_is_too_old_is_told_so(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_texts_are_decoded_alike() -> None:
     """Bytes decode to the text that the host explains here."""
-    assert {name: keeping.decoded(text.encode()) for name, text in LOGS.items()} == LOGS
+    assert {name: keeping.decode(text.encode()) for name, text in LOGS.items()} == LOGS

@@ -12,13 +12,13 @@ def question(*requirements: str, index: IndexSettings, **more: object) -> Questi
     return Question(requirements=requirements, index=index, **{"snapshot": "2026-01-01T00:00:00Z", **more})  # type: ignore[arg-type]
 
 
-def locked(answer: Lock | Step) -> Lock:
+def expect_lock(answer: Lock | Step) -> Lock:
     """Return the answer, which must be a lock."""
     assert isinstance(answer, Lock), answer
     return answer
 
 
-def failed(answer: object) -> tuple[Phase, Outcome, str | None]:
+def expect_failure(answer: object) -> tuple[Phase, Outcome, str | None]:
     """Return phase, outcome and decisive line of the answer, which must be a step and not a lock."""
     assert isinstance(answer, Step), answer
     return answer.phase, answer.outcome, answer.decisive

@@ -51,18 +51,18 @@ def wheelhouse(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def host() -> Interpreter:
     """Return the Python that runs the tests."""
-    found = interpreters.find("host")
-    assert found
-    return found
+    interpreter = interpreters.find("host")
+    assert interpreter
+    return interpreter
 
 
 @pytest.fixture
 def other() -> Interpreter:
     """Return Python 3.9, or skip the test where it is missing."""
-    found = interpreters.find("3.9")
-    if found is None:
+    interpreter = interpreters.find("3.9")
+    if interpreter is None:
         pytest.skip("unavailable: python3.9")
-    return found
+    return interpreter
 
 
 @pytest.fixture

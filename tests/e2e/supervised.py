@@ -68,7 +68,7 @@ def python(tmp_path: Path) -> Build:
     return build
 
 
-def found(word: str) -> list[int]:
+def find_processes(word: str) -> list[int]:
     """Return the ids of living processes with a word in their argv."""
     pids = []
     for folder in Path("/proc").glob("[0-9]*"):
@@ -91,7 +91,7 @@ def eventually(condition: Callable[[], object]) -> bool:
 
 def gone(word: str) -> bool:
     """Tell whether no process with the word is left, after the little while a kill may take."""
-    return eventually(lambda: not found(word))
+    return eventually(lambda: not find_processes(word))
 
 
 def ending(done: Completed) -> tuple[int | None, int | None, bool, bool, str | None]:

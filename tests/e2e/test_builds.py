@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import wheelhouse as fakes
-from asking import failed, locked, question
+from asking import expect_failure, expect_lock, question
 
 from harness.machine import process
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Step
@@ -29,7 +29,9 @@ def make(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Mak
 
     def ensure(*requirements: str, python: Interpreter = host, **more: object) -> Environment | Step:
         asked = question(*requirements, **{"index": offline_index, **more})
-        return environments.ensure(locked(resolver.resolve(asked, python, tmp_path / "state" / "x")), python, asked)
+        return environments.ensure(
+            expect_lock(resolver.resolve(asked, python, tmp_path / "state" / "x")), python, asked
+        )
 
     return ensure
 
@@ -97,7 +99,7 @@ def test_built_once(make: Make, host: Interpreter, offline_index: IndexSettings,
     """A second request takes the wheel from the store, without a build environment."""
     made(make("fake-build-dependent"))
     asked = question("fake-build-dependent", "fake-needs-plain", index=offline_index)
-    lock = locked(resolver.resolve(asked, host, tmp_path / "state" / "x"))
+    lock = expect_lock(resolver.resolve(asked, host, tmp_path / "state" / "x"))
     pin = next(pin for pin in lock.pins if not pin.artifact.is_wheel)
 
     def provide(*_: object) -> Step:
@@ -153,7 +155,7 @@ def test_said_to_be_built(make: Make) -> None:
 )
 def test_failing_build(make: Make, requirement: str, outcome: Outcome, decisive: str) -> None:
     """A failed build is a failed install with the backend's last word; a host that cannot be found is infra."""
-    assert failed(make(requirement)) == (Phase.INSTALL, outcome, decisive)
+    assert expect_failure(make(requirement)) == (Phase.INSTALL, outcome, decisive)
 
 
 def test_log_names_no_folder_of_this_machine(make: Make, tmp_path: Path) -> None:
@@ -175,7 +177,7 @@ def test_no_sdist_without_its_file(make: Make, host: Interpreter, tmp_path: Path
     lock = resolver.resolve(asked, host, tmp_path / "state" / "x")
     assert isinstance(lock, Lock)
     next(alone.glob("*.tar.gz")).write_bytes(b"another file")
-    phase, outcome, decisive = failed(environments.ensure(lock, host, asked))
+    phase, outcome, decisive = expect_failure(environments.ensure(lock, host, asked))
 
     assert (phase, outcome) == (Phase.INSTALL, Outcome.INFRA)
     assert decisive is not None
@@ -187,14 +189,14 @@ def test_no_sdist_at_all(host: Interpreter, tmp_path: Path) -> None:
     folder = tmp_path / "alone"
     fakes.make(folder, "build-circle")
     asked = question("fake-build-circle", index=IndexSettings(no_index=True, find_links=(str(folder),)))
-    lock = locked(resolver.resolve(asked, host, tmp_path / "state" / "x"))
+    lock = expect_lock(resolver.resolve(asked, host, tmp_path / "state" / "x"))
     path = next(folder.glob("*.tar.gz"))
     path.write_bytes(b"no archive")
     pin = lock.pins[0]
     artifact = replace(pin.artifact, sha256=sha256(b"no archive").hexdigest())
     answer = environments.ensure(replace(lock, pins=(replace(pin, artifact=artifact),)), host, asked)
 
-    assert failed(answer) == (
+    assert expect_failure(answer) == (
         Phase.INSTALL,
         Outcome.FAILED,
         "fake-build-circle 1.0: fake_build_circle-1.0.tar.gz cannot be unpacked: file could not be opened successfully",

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from harness.packages.environments import bytecode
-from harness.packages.environments.bytecode import Lent, Source
+from harness.packages.environments.bytecode import RunFolders, Source
 
 MODULE = "import os\nSEEN = os.path.basename(__cached__ or '')\n"
 
@@ -25,7 +25,7 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Source:
     return Source(folders=(folder,), python=Path(sys.executable), kept=tmp_path / "cache/pycache/key")
 
 
-def imported(lent: Lent, folder: Path, more: str = "") -> str:
+def imported(lent: RunFolders, folder: Path, more: str = "") -> str:
     """Import the module as a probe does, and return its output."""
     code = f"import sys; sys.path.insert(0, {str(folder)!r}); import package; print(package.SEEN); {more}"
     done = subprocess.run(
@@ -37,7 +37,7 @@ def imported(lent: Lent, folder: Path, more: str = "") -> str:
     return done.stdout + done.stderr
 
 
-def pyc(lent: Lent, folder: Path) -> Path:
+def pyc(lent: RunFolders, folder: Path) -> Path:
     """Return the place in which a run finds the byte code of the module."""
     (found,) = Path(f"{lent.prefix}{folder}/package").glob("__init__.*.pyc")
     return found
@@ -47,17 +47,17 @@ def warmed(source: Source) -> None:
     """Run twice: the second run has the bytecode that the first needed, compiled apart."""
     (folder,) = source.folders
     for _ in range(2):
-        with bytecode.lent(source, folder, "t") as lent:
+        with bytecode.lend_folders(source, folder, "t") as lent:
             imported(lent, folder)
 
 
 def test_what_a_run_needed_is_there_for_the_next(source: Source) -> None:
     """The second run finds byte code before it has compiled any, of the standard library, too."""
     (folder,) = source.folders
-    with bytecode.lent(source, folder, "t") as lent:
+    with bytecode.lend_folders(source, folder, "t") as lent:
         assert not list(lent.prefix.rglob("*.pyc"))
         imported(lent, folder, "import json")
-    with bytecode.lent(source, folder, "t") as lent:
+    with bytecode.lend_folders(source, folder, "t") as lent:
         assert pyc(lent, folder).is_file()
         assert [path for path in lent.prefix.rglob("decoder.*.pyc") if "json" in path.parts]
         before = pyc(lent, folder).stat().st_mtime_ns
@@ -69,7 +69,7 @@ def test_what_a_run_needed_is_there_for_the_next(source: Source) -> None:
 def test_a_copy_of_an_environment_has_it_in_its_own_place(source: Source, tmp_path: Path) -> None:
     """A run that sees the environment elsewhere finds its byte code there."""
     warmed(source)
-    with bytecode.lent(source, tmp_path / "copy", "t") as lent:
+    with bytecode.lend_folders(source, tmp_path / "copy", "t") as lent:
         assert pyc(lent, tmp_path / "copy").is_file()
 
 
@@ -77,13 +77,13 @@ def test_what_a_run_leaves_reaches_nobody(source: Source) -> None:
     """Poisoned bytecode is deleted with the run that left it, also if it is for a new name."""
     (folder,) = source.folders
     warmed(source)
-    with bytecode.lent(source, folder, "t") as lent:
+    with bytecode.lend_folders(source, folder, "t") as lent:
         good = pyc(lent, folder).read_bytes()
         pyc(lent, folder).write_bytes(good[:16] + b"poison")
         (pyc(lent, folder).parent / "other.cpython-311.pyc").write_bytes(b"poison")
         (Path(f"{lent.prefix}/etc")).mkdir()
         (Path(f"{lent.prefix}/etc/passwd.cpython-311.pyc")).write_bytes(b"poison")
-    with bytecode.lent(source, folder, "t") as lent:
+    with bytecode.lend_folders(source, folder, "t") as lent:
         assert pyc(lent, folder).read_bytes() == good
         assert not [path for path in lent.prefix.rglob("*.pyc") if b"poison" in path.read_bytes()]
         assert not list(lent.prefix.glob("etc/*"))
@@ -105,7 +105,7 @@ def test_damage_is_not_used(source: Source, damage: str) -> None:
         case _:
             broken = {"cut": content[:-9], "flipped": content[:-9] + b"\xff" * 9, "deep": b"[" * 100_000, "empty": b""}
             code.write_bytes(broken[damage])
-    with bytecode.lent(source, folder, "t") as lent:
+    with bytecode.lend_folders(source, folder, "t") as lent:
         assert imported(lent, folder).startswith("__init__.")
         assert b"\xff" * 9 not in pyc(lent, folder).read_bytes()
 
@@ -123,10 +123,10 @@ def test_a_source_that_cannot_be_compiled_is_asked_for_once(source: Source) -> N
     """A module that has a syntax error or was deleted is skipped without harm."""
     (folder,) = source.folders
     (folder / "package/broken.py").write_text("def (\n")
-    with bytecode.lent(source, folder, "t") as lent:
+    with bytecode.lend_folders(source, folder, "t") as lent:
         imported(lent, folder)
         (pyc(lent, folder).parent / "broken.cpython-311.pyc").write_bytes(b"x")
     for _ in range(2):
-        with bytecode.lent(source, folder, "t") as lent:
+        with bytecode.lend_folders(source, folder, "t") as lent:
             assert imported(lent, folder).startswith("__init__.")
             assert not list(lent.prefix.rglob("broken.*"))

@@ -177,12 +177,12 @@ def test_files_that_git_was_told_not_to_look_at(tree: Path, git: Git) -> None:
 
 def test_source_that_changes_while_it_is_used(tree: Path, tmp_path: Path) -> None:
     """A source that has changed since the run began cannot be copied: a run uses one state only."""
-    settled = package_under_test.settled(Subject(source=str(tree)))
-    package_under_test.copied(settled, tmp_path / "same")
+    settled = package_under_test.record_state(Subject(source=str(tree)))
+    package_under_test.copy_source(settled, tmp_path / "same")
     (tree / "setup.py").write_text("another")
 
     with pytest.raises(CouldNotTell) as error:
-        package_under_test.copied(settled, tmp_path / "other")
+        package_under_test.copy_source(settled, tmp_path / "other")
 
     assert str(error.value) == (
         "subject: its files were changed since this run began, the last of them setup.py; run it again, and have "

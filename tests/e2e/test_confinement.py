@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
-from supervised import CHECKOUT, DAEMON, Build, ending, eventually, found, gone, missing, readable_python
+from supervised import CHECKOUT, DAEMON, Build, ending, eventually, find_processes, gone, missing, readable_python
 
 from harness.machine import process
 from harness.machine.process import Profile
@@ -277,7 +277,7 @@ class TestStopped:
     def test_keeper(self, sandbox: str, python: Build, marker: str, number: signal.Signals) -> None:
         """A keeper that is stopped is woken: the deadline holds."""
         with process.start(python("import time; time.sleep(600)", marker, seconds=2)) as running:
-            assert eventually(lambda: found(marker))
+            assert eventually(lambda: find_processes(marker))
             os.kill(keeper_of(running), number)
             begun = time.monotonic()
             done = running.wait()
@@ -288,7 +288,7 @@ class TestStopped:
     def test_guard(self, sandbox: str, python: Build, marker: str) -> None:
         """A guard that is stopped is woken too, and the reason to end the command is kept."""
         with process.start(python("import time; time.sleep(600)", marker)) as running:
-            assert eventually(lambda: found(marker))
+            assert eventually(lambda: find_processes(marker))
             os.kill(running.pid, signal.SIGSTOP)
             running.kill("limit of 2 s")
             done = running.wait(10)
@@ -304,7 +304,7 @@ class TestStopped:
         harness = subprocess.Popen((sys.executable, str(script), marker), stdout=subprocess.PIPE, text=True)
         assert harness.stdout
         guard = int(harness.stdout.readline())
-        assert eventually(lambda: len(found(marker)) == 3)
+        assert eventually(lambda: len(find_processes(marker)) == 3)
         (keeper,) = children_of(guard)
         os.kill(keeper, signal.SIGSTOP)
         harness.kill()
@@ -332,7 +332,7 @@ class TestKilled:
     def test_guard_and_keeper(self, sandbox: str, python: Build, marker: str) -> None:
         """After both are killed at once, neither the command nor its daemon goes on."""
         with process.start(python(DAEMON + "time.sleep(600)", marker)) as running:
-            assert eventually(lambda: len(found(marker)) == 2)
+            assert eventually(lambda: len(find_processes(marker)) == 2)
             keeper = keeper_of(running)
             os.kill(running.pid, signal.SIGSTOP)
             os.kill(keeper, signal.SIGKILL)
@@ -345,8 +345,8 @@ class TestKilled:
     def test_command(self, sandbox: str, python: Build, marker: str) -> None:
         """A command killed from outside is marked as shot: we sent no signal, and no limit was reached."""
         with process.start(python("import time; time.sleep(600)", marker)) as running:
-            assert eventually(lambda: found(marker))
-            os.kill(found(marker)[0], signal.SIGKILL)
+            assert eventually(lambda: find_processes(marker))
+            os.kill(find_processes(marker)[0], signal.SIGKILL)
             done = running.wait()
 
         assert (*ending(done), done.shot) == (None, signal.SIGKILL, False, False, None, True)

@@ -54,7 +54,7 @@ def asked(folder: Path, way: str) -> list[dict[str, str]]:
         log=folder / "log.txt",
         profile=Profile.HOST,
     )
-    with display.shown(command, folder / "display") as seen:
+    with display.open_display(command, folder / "display") as seen:
         done = run(seen.command)
     assert done.exit_code == 0, done.log.read_text()
     return list(json.loads((folder / "told.json").read_text()))

@@ -67,7 +67,7 @@ def server(folder: Path, script: str, monkeypatch: pytest.MonkeyPatch) -> None:
 class TestReach:
     def test_from_the_sandbox(self, tmp_path: Path) -> None:
         """A cell with processes, mounts and a TMPDIR of its own makes an OpenGL context on it."""
-        with display.shown(asking(tmp_path), tmp_path / "display") as seen:
+        with display.open_display(asking(tmp_path), tmp_path / "display") as seen:
             run(seen.command)
             lost = seen.lost()
             socket = display.SOCKETS / f"X{seen.command.env['DISPLAY'].removeprefix(':')}"
@@ -79,7 +79,7 @@ class TestReach:
 
     def test_not_by_others(self, tmp_path: Path) -> None:
         """A client without the cookie is rejected."""
-        with display.shown(asking(tmp_path), tmp_path / "display") as seen:
+        with display.open_display(asking(tmp_path), tmp_path / "display") as seen:
             run(replace(seen.command, env={**seen.command.env, "XAUTHORITY": "/nowhere"}))
             name = seen.command.env["DISPLAY"]
 
@@ -88,7 +88,7 @@ class TestReach:
     def test_two_at_once(self, tmp_path: Path) -> None:
         """Each probe has its own display with its own number, which is not part of the evidence."""
         told = asking(tmp_path)
-        with display.shown(told, tmp_path / "a") as one, display.shown(told, tmp_path / "b") as other:
+        with display.open_display(told, tmp_path / "a") as one, display.open_display(told, tmp_path / "b") as other:
             name = one.command.env["DISPLAY"]
             assert name != other.command.env["DISPLAY"]
             assert normalise(f'Cannot connect to "{name}"', one.places) == 'Cannot connect to ":0"'
@@ -100,7 +100,7 @@ class TestReach:
             pytest.skip("unavailable: namespaces")
         argv = (*prefix, sys.executable, "-c", KEEPING, str(tmp_path / "other"))
         (tmp_path / "other").mkdir()
-        with display.shown(asking(tmp_path), tmp_path / "display") as seen:
+        with display.open_display(asking(tmp_path), tmp_path / "display") as seen:
             socket = display.SOCKETS / f"X{seen.command.env['DISPLAY'].removeprefix(':')}"
             before = socket.stat().st_ino
             with subprocess.Popen(argv, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True) as other:
@@ -144,7 +144,7 @@ def test_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sc
     """A display that does not start is reported in the server's own words."""
     server(tmp_path, script, monkeypatch)
 
-    with pytest.raises(display.NoDisplayError) as caught, display.shown(asking(tmp_path), tmp_path / "display"):
+    with pytest.raises(display.NoDisplayError) as caught, display.open_display(asking(tmp_path), tmp_path / "display"):
         pass
 
     assert str(caught.value) == reason
@@ -154,7 +154,7 @@ def test_that_dies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A display that ends too early is lost, and its exit code is reported."""
     server(tmp_path, "echo 77 >&3; exit 3", monkeypatch)
 
-    with display.shown(asking(tmp_path), tmp_path / "display") as seen:
+    with display.open_display(asking(tmp_path), tmp_path / "display") as seen:
         while not seen.lost():
             time.sleep(0.01)
 
@@ -167,5 +167,5 @@ def test_one_that_was_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.delenv("XAUTHORITY", raising=False)
     (tmp_path / ".Xauthority").touch()
 
-    with display.shown(replace(asking(tmp_path), env={"DISPLAY": ":4"}), tmp_path / "display") as seen:
+    with display.open_display(replace(asking(tmp_path), env={"DISPLAY": ":4"}), tmp_path / "display") as seen:
         assert seen.command.env == {"DISPLAY": ":4", "XAUTHORITY": str(tmp_path / ".Xauthority")}

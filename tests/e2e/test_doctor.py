@@ -45,7 +45,7 @@ class Place:
 
     def look(self, **variables: str) -> dict[str, Any]:
         """Return the document of `doctor` for this environment, with these variables."""
-        asked = doctor.Asked(str(self.folder), None, {**BASE, **variables}, str(self.here))
+        asked = doctor.Request(str(self.folder), None, {**BASE, **variables}, str(self.here))
         return doctor.document(asked, running.run, NOTHING)
 
 
@@ -279,7 +279,7 @@ def test_no_python_at_all(tmp_path: Path, prints: str, code: int) -> None:
     python.write_text(f"#!/bin/sh\nprintf '%s' '{prints}'\nexit 1\n")
     python.chmod(0o755)
 
-    made = doctor.document(doctor.Asked(str(python), None, BASE, str(tmp_path)), running.run, NOTHING)
+    made = doctor.document(doctor.Request(str(python), None, BASE, str(tmp_path)), running.run, NOTHING)
 
     assert doctor.code(made) == code
     assert ("older than 3.7" if code == 3 else "does not start") in made["decisive"]
@@ -376,7 +376,7 @@ def test_known_failures_are_named(place: Place) -> None:
     silent = {"id": "quiet", "cause": "it computes wrongly", "silent": True, "packages": ["mujoco==4.0.0"]}
     loud = {"id": "loud", "cause": "there is no libGL", "pattern": "no libGL", "phases": ["import"]}
     known = [matching.read({"remedy": {"text": "do this"}, "references": [], **one}) for one in (silent, loud)]
-    asked = doctor.Asked(str(place.folder), None, BASE, str(place.here))
+    asked = doctor.Request(str(place.folder), None, BASE, str(place.here))
 
     made = doctor.document(asked, running.run, NOTHING._replace(signatures=known))
 
@@ -416,7 +416,7 @@ def test_what_was_measured_is_said(place: Place, env: str | None, numpy: str, sa
     """Measured combinations are reported without a command to type; an environment never measured is named as such."""
     place.put("gym", "0.26.2")
     place.put("numpy", numpy)
-    asked = doctor.Asked(str(place.folder), env, BASE, str(place.here))
+    asked = doctor.Request(str(place.folder), env, BASE, str(place.here))
 
     made = doctor.document(asked, running.run, NOTHING._replace(measured=lambda: MEASURED))
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 import wheelhouse as fakes
-from asking import failed, locked, question, send
+from asking import expect_failure, expect_lock, question, send
 
 from harness.machine.files import file_locks
 from harness.model import Artifact, IndexSettings, Interpreter, Level, Lock, Outcome, Phase, Step
@@ -32,7 +32,9 @@ def lock(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Cal
     """Return a function that locks fakes with the host's Python."""
 
     def resolve(*requirements: str, python: Interpreter = host) -> Lock:
-        return locked(resolver.resolve(question(*requirements, index=offline_index), python, tmp_path / "state" / "x"))
+        return expect_lock(
+            resolver.resolve(question(*requirements, index=offline_index), python, tmp_path / "state" / "x")
+        )
 
     return resolve
 
@@ -219,7 +221,7 @@ class TestReuse:
             anew = made(ensure(pinned))
             assert (site(linked) / "fake_plain.py").stat().st_nlink > 1
 
-        assert not environments.stands(linked)
+        assert not environments.is_intact(linked)
         assert (copied.key, copied.path.name) == (linked.key, f"{linked.key}-1")
         assert (copied.reused, again.reused, again.path) == (False, True, copied.path)
         assert (site(copied) / "fake_plain.py").stat().st_nlink == 1
@@ -301,7 +303,9 @@ class TestLogin:
             send(handler, 200, path.read_bytes() if name == path.name else link(path).encode())
 
         monkeypatch.setenv("UV_DEFAULT_INDEX", serve(answer).replace("//", "//me:secret@"))
-        pinned = locked(resolver.resolve(question("fake-plain", index=IndexSettings()), host, tmp_path / "state" / "x"))
+        pinned = expect_lock(
+            resolver.resolve(question("fake-plain", index=IndexSettings()), host, tmp_path / "state" / "x")
+        )
         environment = made(ensure(pinned, index=IndexSettings()))
 
         assert environment.installed == {"fake-plain": "1.0"}
@@ -333,7 +337,7 @@ class TestDownloads:
 
         index = IndexSettings(default=serve(answer))
         pins = [
-            locked(resolver.resolve(question(name, index=index), host, tmp_path / "state" / name))
+            expect_lock(resolver.resolve(question(name, index=index), host, tmp_path / "state" / name))
             for name in ("fake-plain", "fake-needs-plain")
         ]
         first = made(ensure(pins[0], index=index))
@@ -348,7 +352,7 @@ class TestDamage:
     def test_changed_files(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
         """Files that a cell wrote over, or removed, are found by the hashes of RECORD, each with its package."""
         environment = made(ensure(lock("fake-needs-plain")))
-        assert environments.stands(environment, thorough=True)
+        assert environments.is_intact(environment, thorough=True)
         changed, gone = site(environment) / "fake_plain.py", site(environment) / "fake_needs_plain.py"
         text = changed.read_text()
         changed.unlink()
@@ -356,11 +360,11 @@ class TestDamage:
         gone.unlink()
         folder = site(environment).relative_to(environment.path).as_posix()
 
-        assert environment_damage.damaged(environment.path, thorough=False) == {
+        assert environment_damage.find_damage(environment.path, thorough=False) == {
             f"{folder}/fake_needs_plain.py": "fake-needs-plain",
             f"{folder}/fake_plain.py": "fake-plain",
         }
-        assert not environments.stands(environment)
+        assert not environments.is_intact(environment)
 
     def test_what_is_no_code_is_looked_at_thoroughly(
         self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
@@ -372,8 +376,8 @@ class TestDamage:
         metadata.unlink()
         metadata.write_bytes(content[:-1] + b" ")
 
-        assert environments.stands(environment)
-        assert not environments.stands(environment, thorough=True)
+        assert environments.is_intact(environment)
+        assert not environments.is_intact(environment, thorough=True)
 
     @pytest.mark.parametrize("how", ["garbage", "gone", "folder", "link"])
     def test_an_environment_without_its_configuration_is_made_anew(
@@ -391,9 +395,9 @@ class TestDamage:
             case "link":
                 config.symlink_to(config)
 
-        assert not environments.stands(first)
+        assert not environments.is_intact(first)
         again = made(ensure(lock("fake-plain")))
-        assert (again.reused, config.is_file(), environments.stands(again)) == (False, True, True)
+        assert (again.reused, config.is_file(), environments.is_intact(again)) == (False, True, True)
 
     def test_uv_s_cache_is_doubted(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
         """A wheel damaged in uv's cache is unpacked again and checked again."""
@@ -407,7 +411,7 @@ class TestDamage:
         again = made(ensure(lock("fake-plain")))
         assert (again.reused, again.findings) == (False, ())
         assert (site(again) / "fake_plain.py").read_bytes() == good
-        assert environments.stands(again, thorough=True)
+        assert environments.is_intact(again, thorough=True)
 
     def test_a_file_that_uv_s_cache_lost_is_no_package_s_fault(
         self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
@@ -443,10 +447,10 @@ class TestDamage:
         other.replace(wheel)
         assert wheel.read_bytes() != content
         asked = question(f"odd @ {wheel.as_uri()}", index=IndexSettings(no_index=True))
-        environment = made(ensure(locked(resolver.resolve(asked, host, tmp_path / "state" / "x"))))
+        environment = made(ensure(expect_lock(resolver.resolve(asked, host, tmp_path / "state" / "x"))))
 
         assert [(found.check, found.level) for found in environment.findings] == [("install.record", Level.NOTE)]
-        assert environments.stands(environment, thorough=True)
+        assert environments.is_intact(environment, thorough=True)
 
     def test_a_wheel_that_replaces_python_is_uninstallable(
         self, host: Interpreter, ensure: Callable[..., Environment | Step], tmp_path: Path
@@ -455,7 +459,7 @@ class TestDamage:
         text = "include-system-site-packages = true\n"
         wheel = fakes.wheel(tmp_path, "1.0", {"odd-1.0.data/data/pyvenv.cfg": text}, {"name": "odd"})
         asked = question(f"odd @ {wheel.as_uri()}", index=IndexSettings(no_index=True))
-        step = ensure(locked(resolver.resolve(asked, host, tmp_path / "state" / "x")))
+        step = ensure(expect_lock(resolver.resolve(asked, host, tmp_path / "state" / "x")))
 
         assert isinstance(step, Step)
         assert (step.phase, step.outcome) == (Phase.INSTALL, Outcome.FAILED)
@@ -469,11 +473,11 @@ class TestTrouble:
         """A wheel that is another file than the one locked is infra: no verdict about the package."""
         folder = fakes.make(tmp_path / "wheels", "undeclared")
         index = IndexSettings(no_index=True, find_links=(str(folder),))
-        pinned = locked(resolver.resolve(question("fake-undeclared", index=index), host, tmp_path / "state" / "x"))
+        pinned = expect_lock(resolver.resolve(question("fake-undeclared", index=index), host, tmp_path / "state" / "x"))
         about = {"name": "fake-undeclared"}
         fakes.wheel(folder, "1.0", {"fake_undeclared.py": "another = 1\n"}, about)
         shutil.rmtree(tmp_path / "cache")
-        phase, outcome, decisive = failed(ensure(pinned, index=index))
+        phase, outcome, decisive = expect_failure(ensure(pinned, index=index))
 
         assert (phase, outcome) == (Phase.INSTALL, Outcome.INFRA)
         assert decisive is not None
@@ -483,11 +487,11 @@ class TestTrouble:
         """A wheel that is not in its place any more is infra, and leaves no environment behind."""
         folder = fakes.make(tmp_path / "wheels", "undeclared")
         index = IndexSettings(no_index=True, find_links=(str(folder),))
-        pinned = locked(resolver.resolve(question("fake-undeclared", index=index), host, tmp_path / "state" / "x"))
+        pinned = expect_lock(resolver.resolve(question("fake-undeclared", index=index), host, tmp_path / "state" / "x"))
         shutil.rmtree(folder)
         shutil.rmtree(tmp_path / "cache")
 
-        assert failed(ensure(pinned, index=index))[:2] == (Phase.INSTALL, Outcome.INFRA)
+        assert expect_failure(ensure(pinned, index=index))[:2] == (Phase.INSTALL, Outcome.INFRA)
         assert not list((tmp_path / "cache" / "environments").glob("*/"))
 
     def test_wheel_of_another_version(
@@ -498,10 +502,10 @@ class TestTrouble:
         folder.mkdir()
         path = fakes.wheel(folder, "1.0", {"fake_odd.py": ""}, {"name": "fake-odd"})
         index = IndexSettings(no_index=True, find_links=(str(folder),))
-        pinned = locked(resolver.resolve(question("fake-odd", index=index), host, tmp_path / "state" / "x"))
+        pinned = expect_lock(resolver.resolve(question("fake-odd", index=index), host, tmp_path / "state" / "x"))
         odd = path.rename(folder / "fake_odd-2.0-py3-none-any.whl")
         artifact = replace(pinned.pins[0].artifact, filename=odd.name, source=odd.as_uri())
-        phase, outcome, decisive = failed(
+        phase, outcome, decisive = expect_failure(
             ensure(replace(pinned, pins=(replace(pinned.pins[0], version="2.0", artifact=artifact),)), index=index)
         )
 
@@ -519,9 +523,9 @@ class TestTrouble:
         metadata = "Metadata-Version: 2.1\nName: fake-plain\nVersion: 9.9\n"
         fakes.wheel(folder, "1.0", {"fake_sneaky.py": "", stowaway: metadata}, {"name": "fake-sneaky"})
         index = IndexSettings(no_index=True, find_links=(str(folder),))
-        pinned = locked(resolver.resolve(question("fake-sneaky", index=index), host, tmp_path / "state" / "x"))
+        pinned = expect_lock(resolver.resolve(question("fake-sneaky", index=index), host, tmp_path / "state" / "x"))
 
-        assert failed(ensure(pinned, index=index)) == (
+        assert expect_failure(ensure(pinned, index=index)) == (
             Phase.INSTALL,
             Outcome.FAILED,
             "after the install these packages are not those of the lock: fake-plain 9.9",
@@ -537,7 +541,7 @@ class TestTrouble:
         only_one = environments.locks.to_install
         monkeypatch.setattr(environments.locks, "to_install", lambda wheels: only_one(list(wheels)[:1]))
 
-        assert failed(ensure(lock("fake-needs-plain"))) == (
+        assert expect_failure(ensure(lock("fake-needs-plain"))) == (
             Phase.INSTALL,
             Outcome.INFRA,
             "after the install these packages of the lock are not there: fake-plain 3.0",

@@ -16,7 +16,7 @@ BASE = Path(sys.base_prefix, "bin", "python{}.{}".format(*sys.version_info)).res
 
 def forget() -> None:
     """Clear all caches, as if a new process had started."""
-    for cached in (interpreters.available, interpreters._candidates, interpreters._known, interpreters._install):
+    for cached in (interpreters.available, interpreters._candidates, interpreters._load_cache, interpreters._install):
         cached.cache_clear()
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import wheelhouse as fakes
-from asking import failed, locked, question, send
+from asking import expect_failure, expect_lock, question, send
 
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
 from harness.model.errors import BadInput
@@ -55,7 +55,7 @@ class TestLock:
         self, ask: Callable[..., Lock | Step], wheelhouse: Path, tmp_path: Path
     ) -> None:
         """A lock is sorted, hash-pinned requirements, without a place, a date or a name of this machine."""
-        lock = locked(ask("fake-needs-plain"))
+        lock = expect_lock(ask("fake-needs-plain"))
         needing, plain = (
             hashlib.sha256((wheelhouse / name).read_bytes()).hexdigest()
             for name in ("fake_needs_plain-1.0-py3-none-any.whl", "fake_plain-3.0-py3-none-any.whl")
@@ -72,10 +72,10 @@ class TestLock:
         self, ask: Callable[..., Lock | Step], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """The same snapshot locks to the same bytes again: with an empty cache, the files in another folder."""
-        first = locked(ask("fake-needs-plain", "fake-build-dependent"))
+        first = expect_lock(ask("fake-needs-plain", "fake-build-dependent"))
         monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "other"))
         moved = fakes.make(tmp_path / "moved", "needs-plain", "plain", "build-dependent", "build-tool")
-        second = locked(
+        second = expect_lock(
             ask(
                 "fake-needs-plain", "fake-build-dependent", index=IndexSettings(no_index=True, find_links=(str(moved),))
             )
@@ -85,8 +85,8 @@ class TestLock:
 
     def test_identical_resolutions_are_one(self, ask: Callable[..., Lock | Step], other: Interpreter) -> None:
         """Another question, on another Python, with the same answer has the same lock."""
-        one = locked(ask("fake-needs-plain"))
-        same = locked(ask("fake-plain==3.0", "fake-needs-plain", python=other))
+        one = expect_lock(ask("fake-needs-plain"))
+        same = expect_lock(ask("fake-plain==3.0", "fake-needs-plain", python=other))
 
         assert one.sha256 == same.sha256
 
@@ -101,13 +101,13 @@ class TestLock:
         monkeypatch.setenv("UV_CONSTRAINT", str(tmp_path / "constraints.txt"))
         monkeypatch.setenv("UV_NO_BINARY", "1")
 
-        assert locked(ask("fake-plain")).versions == {"fake-plain": "3.0"}
+        assert expect_lock(ask("fake-plain")).versions == {"fake-plain": "3.0"}
 
     def test_question_counts(self, ask: Callable[..., Lock | Step]) -> None:
         """Constraints, overrides and the resolution are those of the question."""
-        constrained = locked(ask("fake-plain", constraints=("fake-plain<3",)))
-        overridden = locked(ask("fake-needs-plain", overrides=("fake-plain==1.0",)))
-        lowest = locked(ask("fake-plain", resolution="lowest-direct"))
+        constrained = expect_lock(ask("fake-plain", constraints=("fake-plain<3",)))
+        overridden = expect_lock(ask("fake-needs-plain", overrides=("fake-plain==1.0",)))
+        lowest = expect_lock(ask("fake-plain", resolution="lowest-direct"))
 
         assert constrained.versions["fake-plain"] == "2.0"
         assert overridden.versions["fake-plain"] == "1.0"
@@ -116,7 +116,7 @@ class TestLock:
     def test_own_address(self, ask: Callable[..., Lock | Step], wheelhouse: Path) -> None:
         """A requirement that names a file is pinned by the file's hash."""
         path = wheelhouse / "fake_plain-1.0-py3-none-any.whl"
-        pin = locked(ask(f"fake-plain @ {path.as_uri()}")).pins[0]
+        pin = expect_lock(ask(f"fake-plain @ {path.as_uri()}")).pins[0]
 
         assert (pin.version, pin.artifact.filename) == ("1.0", path.name)
         assert pin.hashes == (hashlib.sha256(path.read_bytes()).hexdigest(),)
@@ -126,7 +126,7 @@ class TestMetadataOfSdists:
     def test_cache_of_metadata_is_not_shared(self, ask: Callable[..., Lock | Step], other: Interpreter) -> None:
         """One sdist under two build constraints, in both orders, has the requirements of its own build each time."""
         found = [
-            locked(ask("fake-build-dependent", build_constraints=(f"fake-build-tool=={tool}",), python=python))
+            expect_lock(ask("fake-build-dependent", build_constraints=(f"fake-build-tool=={tool}",), python=python))
             for python in (other,)
             for tool in ("1.0", "2.0", "1.0")
         ]
@@ -135,7 +135,7 @@ class TestMetadataOfSdists:
 
     def test_failing_metadata(self, ask: Callable[..., Lock | Step]) -> None:
         """A build that fails while uv resolves is a failed install, with the backend's own line."""
-        assert failed(ask("fake-metadata-failure")) == (
+        assert expect_failure(ask("fake-metadata-failure")) == (
             Phase.INSTALL,
             Outcome.FAILED,
             "RuntimeError: this setup knows no such Python",
@@ -143,7 +143,7 @@ class TestMetadataOfSdists:
 
     def test_invalid_metadata(self, ask: Callable[..., Lock | Step]) -> None:
         """Metadata that no tool can read is a failed install that quotes the line."""
-        phase, outcome, decisive = failed(ask("fake-metadata-invalid"))
+        phase, outcome, decisive = expect_failure(ask("fake-metadata-invalid"))
 
         assert (phase, outcome) == (Phase.INSTALL, Outcome.FAILED)
         assert decisive is not None
@@ -185,11 +185,11 @@ class TestNoSolution:
         self, ask: Callable[..., Lock | Step], requirements: tuple[str, ...], decisive: str
     ) -> None:
         """No solution is a failed resolution; uv's explanation is the decisive line."""
-        assert failed(ask(*requirements)) == (Phase.RESOLVE, Outcome.FAILED, decisive)
+        assert expect_failure(ask(*requirements)) == (Phase.RESOLVE, Outcome.FAILED, decisive)
 
     def test_no_wheel_for_this_python(self, ask: Callable[..., Lock | Step]) -> None:
         """A release with wheels for other Pythons only, and no sdist, cannot be resolved."""
-        phase, outcome, decisive = failed(ask("fake-no-wheel"))
+        phase, outcome, decisive = expect_failure(ask("fake-no-wheel"))
 
         assert (phase, outcome) == (Phase.RESOLVE, Outcome.FAILED)
         assert decisive is not None
@@ -197,7 +197,7 @@ class TestNoSolution:
 
     def test_only_binary(self, ask: Callable[..., Lock | Step]) -> None:
         """If only wheels are allowed, a release with nothing but an sdist cannot be resolved."""
-        assert failed(ask("fake-build-dependent==1.0", only_binary=("fake-build-dependent",))) == (
+        assert expect_failure(ask("fake-build-dependent==1.0", only_binary=("fake-build-dependent",))) == (
             Phase.RESOLVE,
             Outcome.FAILED,
             "Because fake-build-dependent==1.0 has no usable wheels and you require fake-build-dependent==1.0",
@@ -208,16 +208,16 @@ class TestNoSolution:
         by_another = ask("fake-needs-plain", absent=("fake_plain",))
         by_us = ask("fake-needs-plain", "fake-plain>=2", absent=("fake-plain",))
 
-        assert failed(by_another)[2] == "fake-plain is to be absent, but fake-needs-plain requires it"
-        assert failed(by_us)[2] == "fake-plain is to be absent, but the requirements name it"
-        assert locked(ask("fake-plain", absent=("fake-needs-plain",))).versions == {"fake-plain": "3.0"}
+        assert expect_failure(by_another)[2] == "fake-plain is to be absent, but fake-needs-plain requires it"
+        assert expect_failure(by_us)[2] == "fake-plain is to be absent, but the requirements name it"
+        assert expect_lock(ask("fake-plain", absent=("fake-needs-plain",))).versions == {"fake-plain": "3.0"}
 
 
 class TestIndexTrouble:
     @pytest.mark.parametrize("how", BROKEN)
     def test_broken_index(self, ask: Callable[..., Lock | Step], serve: Callable[..., str], how: str) -> None:
         """An index that fails is infra, never a verdict about packages."""
-        phase, outcome, decisive = failed(ask("fake-plain", index=IndexSettings(default=serve(breaking(how)))))
+        phase, outcome, decisive = expect_failure(ask("fake-plain", index=IndexSettings(default=serve(breaking(how)))))
 
         assert (phase, outcome) == (Phase.RESOLVE, Outcome.INFRA)
         assert decisive is not None
@@ -243,11 +243,13 @@ class TestIndexTrouble:
         answered = ask("fake-plain", index=IndexSettings(default=serve(answer)), snapshot=None)
 
         told = "fake-plain==2.0 came broken from its index: Failed to read from zip file; try again"
-        assert failed(answered) == (Phase.RESOLVE, Outcome.INFRA, told)
+        assert expect_failure(answered) == (Phase.RESOLVE, Outcome.INFRA, told)
 
     def test_unreachable_index(self, ask: Callable[..., Lock | Step]) -> None:
         """An index that nobody serves is infra."""
-        phase, outcome, decisive = failed(ask("fake-plain", index=IndexSettings(default="http://127.0.0.1:9/simple")))
+        phase, outcome, decisive = expect_failure(
+            ask("fake-plain", index=IndexSettings(default="http://127.0.0.1:9/simple"))
+        )
 
         assert (phase, outcome) == (Phase.RESOLVE, Outcome.INFRA)
         assert decisive is not None
@@ -260,13 +262,13 @@ class TestIndexTrouble:
         alone = fakes.make(tmp_path / "alone", "build-dependent")
         index = IndexSettings(default=serve(breaking("error")), find_links=(str(alone),))
 
-        assert failed(ask("fake-build-dependent", index=index))[:2] == (Phase.RESOLVE, Outcome.INFRA)
+        assert expect_failure(ask("fake-build-dependent", index=index))[:2] == (Phase.RESOLVE, Outcome.INFRA)
 
     def test_offline(self, host: Interpreter, tmp_path: Path) -> None:
         """A package that is not in the cache cannot be resolved without the network: infra, no verdict."""
         asked = question("fake-plain", index=IndexSettings(default="http://127.0.0.1:9/simple"))
 
-        assert failed(resolver.resolve(asked, host, tmp_path / "state" / "x", offline=True)) == (
+        assert expect_failure(resolver.resolve(asked, host, tmp_path / "state" / "x", offline=True)) == (
             Phase.RESOLVE,
             Outcome.INFRA,
             "Packages were unavailable because the network was disabled. "
@@ -278,7 +280,7 @@ class TestIndexTrouble:
         places = IndexSettings(default="http://127.0.0.1:9/simple")
         asked = question("fake-plain", index=places, snapshot="2026-11-20T23:59:59Z")
 
-        phase, outcome, decisive = failed(resolver.resolve(asked, host, tmp_path / "state" / "x", offline=True))
+        phase, outcome, decisive = expect_failure(resolver.resolve(asked, host, tmp_path / "state" / "x", offline=True))
         assert (phase, outcome) == (Phase.RESOLVE, Outcome.INFRA)
         assert decisive
 
@@ -325,7 +327,7 @@ class TestCutoff:
         version: str,
     ) -> None:
         """A snapshot shuts out what was uploaded later, and what an index gives no upload time of."""
-        lock = locked(ask("fake-plain", index=self.index(serve, wheelhouse), snapshot=snapshot))
+        lock = expect_lock(ask("fake-plain", index=self.index(serve, wheelhouse), snapshot=snapshot))
 
         assert lock.versions == {"fake-plain": version}
         assert lock.escaped == ()
@@ -333,7 +335,7 @@ class TestCutoff:
 
     def test_find_links_escape(self, ask: Callable[..., Lock | Step]) -> None:
         """Files of a find-links folder have no upload time; the lock says that they escaped the cutoff."""
-        assert locked(ask("fake-needs-plain", snapshot="2001-01-01T00:00:00Z")).escaped == (
+        assert expect_lock(ask("fake-needs-plain", snapshot="2001-01-01T00:00:00Z")).escaped == (
             "fake-needs-plain",
             "fake-plain",
         )
@@ -351,7 +353,7 @@ class TestTorch:
         """Return the version of torch, or phase, outcome and decisive line of the failed step."""
         index = IndexSettings(no_index=True, find_links=tuple(map(str, links)))
         answer = ask(requirement, index=index, **more)
-        return answer.versions["torch"] if isinstance(answer, Lock) else failed(answer)
+        return answer.versions["torch"] if isinstance(answer, Lock) else expect_failure(answer)
 
     def test_cpu_build_is_found(self, ask: Callable[..., Lock | Step], gpu: Path, tmp_path: Path) -> None:
         """The newest CPU build of a find-links folder is taken, though a newer GPU build is there."""
@@ -397,9 +399,9 @@ class TestRestore:
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
         """A committed lock, in a fresh clone with an empty cache, has the same packages, versions and hashes."""
-        before = locked(ask("fake-needs-plain", "fake-build-dependent", constraints=("fake-plain==2.0",)))
+        before = expect_lock(ask("fake-needs-plain", "fake-build-dependent", constraints=("fake-plain==2.0",)))
         monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "empty"))
-        after = locked(self.restored(before.requirements, host, offline_index, tmp_path))
+        after = expect_lock(self.restored(before.requirements, host, offline_index, tmp_path))
 
         assert after.requirements == before.requirements
         assert [pin.artifact.sha256 for pin in after.pins] == [pin.artifact.sha256 for pin in before.pins]
@@ -408,10 +410,10 @@ class TestRestore:
         self, ask: Callable[..., Lock | Step], host: Interpreter, offline_index: IndexSettings, tmp_path: Path
     ) -> None:
         """An index that has the version with another file cannot tell anything about the lock."""
-        lock = locked(ask("fake-plain==1.0"))
+        lock = expect_lock(ask("fake-plain==1.0"))
         text = lock.requirements.replace(lock.pins[0].artifact.sha256, "0" * 64)
 
-        assert failed(self.restored(text, host, offline_index, tmp_path)) == (
+        assert expect_failure(self.restored(text, host, offline_index, tmp_path)) == (
             Phase.RESOLVE,
             Outcome.INFRA,
             "no index or find-links place that was asked has fake-plain 1.0 with a hash of the lock; lock anew",

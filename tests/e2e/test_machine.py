@@ -81,7 +81,7 @@ class TestFacts:
     @pytest.mark.usefixtures("xvfb")
     def test_the_user_s_own_display(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Without Xvfb the user's own display is used, with the user's cookie."""
-        with display.shown(_command(tmp_path, DISPLAY="virtual"), tmp_path / "display") as seen:
+        with display.open_display(_command(tmp_path, DISPLAY="virtual"), tmp_path / "display") as seen:
             for name in ("DISPLAY", "XAUTHORITY"):
                 monkeypatch.setenv(name, seen.command.env[name])
             monkeypatch.setenv("PATH", str(tmp_path))
@@ -89,7 +89,7 @@ class TestFacts:
             found = this_machine.facts()
 
         assert found.facts["display"]["server"] == "own"
-        assert this_machine.supplied({"MUJOCO_GL": "glfw"}) == {"DISPLAY": "own", "SDL_VIDEODRIVER": "dummy"}
+        assert this_machine.choose_variables({"MUJOCO_GL": "glfw"}) == {"DISPLAY": "own", "SDL_VIDEODRIVER": "dummy"}
 
     def test_display_that_does_not_answer(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """A DISPLAY at which no server answers is no display."""
@@ -191,7 +191,7 @@ class TestSupplied:
         """Variables for rendering are supplied, but never over a given value, not even an empty one."""
         _here(monkeypatch, egl={}, display={"server": "virtual"})
 
-        assert this_machine.supplied(given) == expected
+        assert this_machine.choose_variables(given) == expected
 
     @pytest.mark.parametrize(
         ("given", "needs", "packages", "shown"),
@@ -217,20 +217,20 @@ class TestSupplied:
         """A display is supplied if something draws on one, under a name that is the same on every machine."""
         _here(monkeypatch, egl={}, display={"server": "virtual"})
 
-        assert this_machine.supplied(given, needs, packages).get("DISPLAY") == ("virtual" if shown else None)
+        assert this_machine.choose_variables(given, needs, packages).get("DISPLAY") == ("virtual" if shown else None)
 
     def test_without_any(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """If nothing can render, no way of rendering is supplied."""
         _here(monkeypatch)
 
-        assert this_machine.supplied({"MUJOCO_GL": "glfw"}) == {"SDL_VIDEODRIVER": "dummy"}
+        assert this_machine.choose_variables({"MUJOCO_GL": "glfw"}) == {"SDL_VIDEODRIVER": "dummy"}
 
     def test_with_a_display_alone(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Without EGL and OSMesa, MuJoCo draws on the display."""
         _here(monkeypatch, display={"server": "virtual"})
 
         expected = {"MUJOCO_GL": "glfw", "SDL_VIDEODRIVER": "dummy", "DISPLAY": "virtual"}
-        assert this_machine.supplied({}) == expected
+        assert this_machine.choose_variables({}) == expected
 
 
 class TestEnvironment:
@@ -253,8 +253,8 @@ class TestMissing:
     @pytest.mark.usefixtures("egl")
     def test_nothing(self) -> None:
         """A need that is met is not mentioned."""
-        assert this_machine.missing_for(()) is None
-        assert this_machine.missing_for(("egl",)) is None
+        assert this_machine.describe_missing(()) is None
+        assert this_machine.describe_missing(("egl",)) is None
 
     def test_says_why_and_what_to_do(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """Each missing need is named with its reason and a remedy."""
@@ -263,7 +263,7 @@ class TestMissing:
         this_machine.facts.cache_clear()
         reason = this_machine.facts().facts["egl"]["missing"]
 
-        assert this_machine.missing_for(("display", "egl", "gpus")) == (
+        assert this_machine.describe_missing(("display", "egl", "gpus")) == (
             "no X display here (no Xvfb): install Debian's xvfb and libgl1-mesa-dri, "
             "or run where DISPLAY names an X server; "
             f"no EGL here ({reason}): install Debian's libegl1 and libgl1-mesa-dri, or the GPU vendor's driver; "
@@ -295,7 +295,7 @@ def test_what_cannot_be_drawn(
     """A way of drawing that the variables or the packages choose and the machine lacks is the machine's fault."""
     _here(monkeypatch, **{name: {} for name in capabilities})
 
-    assert this_machine.undrawable(variables, packages) == told
+    assert this_machine.explain_undrawable(variables, packages) == told
 
 
 def _here(monkeypatch: pytest.MonkeyPatch, **parts: dict[str, str]) -> None:

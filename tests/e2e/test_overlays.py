@@ -49,7 +49,7 @@ def test_a_repaired_release_is_found_locked_and_installed(asked: Question, host:
     made = environments.ensure(lock, host, asked)
 
     assert isinstance(made, environments.Environment), made.decisive
-    assert (environments.stands(made, thorough=True), made.findings) == (True, ())
+    assert (environments.is_intact(made, thorough=True), made.findings) == (True, ())
 
 
 def test_the_wheel_is_the_same_by_whatever_python(
@@ -91,7 +91,7 @@ def test_a_wheel_that_is_gone_is_made_anew(asked: Question, host: Interpreter, t
     before = sources[NARROW].stat().st_mtime_ns
     sources[INVALID].unlink()
 
-    supplied = overlays.supplied(lock, asked)
+    supplied = overlays.provide_wheels(lock, asked)
 
     assert isinstance(supplied, Lock)
     assert {pin.name: Path(pin.artifact.source) for pin in supplied.pins} == sources

@@ -13,7 +13,7 @@ import uuid
 from pathlib import Path
 
 import pytest
-from supervised import CHECKOUT, DAEMON, Build, ending, eventually, found, gone, missing, readable_python
+from supervised import CHECKOUT, DAEMON, Build, ending, eventually, find_processes, gone, missing, readable_python
 
 from harness.machine import process
 from harness.machine.process import Profile
@@ -82,7 +82,7 @@ class TestEnds:
         done = process.run(python(DAEMON, marker))
 
         assert (*ending(done), done.stray) == (0, None, False, False, None, 1)
-        assert found(marker) == []
+        assert find_processes(marker) == []
 
     def test_many_strays(self, sandbox: str, python: Build, marker: str) -> None:
         """Processes that keep forking are all ended."""
@@ -106,7 +106,7 @@ time.sleep(0.2)
 
         assert done.exit_code == 0
         assert done.stray >= 4
-        assert found(marker) == []
+        assert find_processes(marker) == []
 
     def test_helper_that_ends_by_itself(self, sandbox: str, python: Build) -> None:
         """A helper that ends right after its parent is no stray."""
@@ -117,7 +117,7 @@ time.sleep(0.2)
     def test_kill(self, sandbox: str, python: Build, marker: str) -> None:
         """The reason given to `kill` is kept."""
         with process.start(python("import time; time.sleep(600)", marker)) as running:
-            assert eventually(lambda: found(marker))
+            assert eventually(lambda: find_processes(marker))
             assert running.poll() is None
             assert running.wait(0.01) is None
             running.kill("limit of 2 s")
@@ -131,13 +131,13 @@ time.sleep(0.2)
 
         def interrupted() -> None:
             with process.start(python(DAEMON + "time.sleep(600)", marker)):
-                assert eventually(lambda: len(found(marker)) == 2)
+                assert eventually(lambda: len(find_processes(marker)) == 2)
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
             interrupted()
 
-        assert found(marker) == []
+        assert find_processes(marker) == []
 
     def test_in_parallel(self, sandbox: str, python: Build, tmp_path: Path) -> None:
         """Threads run commands at the same time, each with its own end."""
@@ -493,7 +493,7 @@ class TestDeaths:
         """If the harness dies by any signal, everything below it ends."""
         script = harness_script(tmp_path, "run(command)")
         harness = subprocess.Popen((sys.executable, str(script), marker), stderr=subprocess.DEVNULL)
-        assert eventually(lambda: len(found(marker)) == 3)
+        assert eventually(lambda: len(find_processes(marker)) == 3)
 
         harness.send_signal(number)
         harness.wait()
@@ -503,7 +503,7 @@ class TestDeaths:
     def test_guard(self, sandbox: str, python: Build, marker: str) -> None:
         """If the supervisor is killed, everything below it ends, and the command is not blamed."""
         with process.start(python(DAEMON + "time.sleep(600)", marker)) as running:
-            assert eventually(lambda: len(found(marker)) == 2)
+            assert eventually(lambda: len(find_processes(marker)) == 2)
             os.kill(running._supervisor.pid, signal.SIGKILL)
             done = running.wait()
 
@@ -513,13 +513,13 @@ class TestDeaths:
     def test_keeper(self, sandbox: str, python: Build, marker: str) -> None:
         """If the keeper is killed, everything below it ends, and the command is not blamed."""
         with process.start(python(DAEMON + "time.sleep(600)", marker)) as running:
-            assert eventually(lambda: len(found(marker)) == 2)
+            assert eventually(lambda: len(find_processes(marker)) == 2)
             guard = running._supervisor.pid
             os.kill(int(Path(f"/proc/{guard}/task/{guard}/children").read_text()), signal.SIGKILL)
             done = running.wait()
 
         assert ending(done) == (None, None, False, False, "supervisor: the keeper ended with -9")
-        assert found(marker) == []
+        assert find_processes(marker) == []
 
     def test_stop(self, tmp_path: Path, marker: str) -> None:
         """`stop` ends the commands that other threads wait for, and nothing starts afterwards."""

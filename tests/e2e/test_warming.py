@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from asking import failed, locked, question
+from asking import expect_failure, expect_lock, question
 
 from harness.machine import debian_packages
 from harness.model import IndexSettings, Interpreter, Outcome, Phase, Step
@@ -45,7 +45,7 @@ def ensure(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> E
 
     def make(requirement: str, **variables: str) -> Environment | Step:
         asked = question(requirement, index=offline_index, build_variables=variables)
-        lock = locked(resolver.resolve(asked, host, tmp_path / "state" / "x"))
+        lock = expect_lock(resolver.resolve(asked, host, tmp_path / "state" / "x"))
         return environments.ensure(lock, host, asked)
 
     return make
@@ -85,7 +85,7 @@ def test_a_compiler_that_fails_is_a_failed_install(here: bool, ensure: Ensure, m
     monkeypatch.setattr(debian_packages, "installed", lambda names: frozenset(names) if here else frozenset())
     step = ensure("fake-compiles==2.0")
 
-    phase, outcome, decisive = failed(step)
+    phase, outcome, decisive = expect_failure(step)
     assert (phase, outcome) == (Phase.INSTALL, Outcome.FAILED)
     assert decisive is not None
     assert decisive.startswith("fake-compiles, compiled by its first import: $TMP/fake.c:1:10: fatal error:")
@@ -100,8 +100,8 @@ def test_a_compiler_that_fails_is_a_failed_install(here: bool, ensure: Ensure, m
 @pytest.mark.skipif(not shutil.which("dpkg-query"), reason="unavailable: dpkg")
 def test_packages_of_the_system() -> None:
     """Packages that dpkg does not have are named with the command to install them."""
-    assert debian_packages.missing(("dpkg",)) is None
-    told = debian_packages.missing(("dpkg", "no-such-dev", "nor-this-one"))
+    assert debian_packages.describe_missing(("dpkg",)) is None
+    told = debian_packages.describe_missing(("dpkg", "no-such-dev", "nor-this-one"))
     assert told == "no no-such-dev, nor-this-one here: run `apt install no-such-dev nor-this-one`"
     assert debian_packages.unchecked(("no-such-dev",)) == ()
 
@@ -109,7 +109,7 @@ def test_packages_of_the_system() -> None:
 def test_a_system_without_dpkg(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without dpkg the check is reported as not done, and the cell goes on."""
     monkeypatch.setattr(debian_packages, "DPKG", "no-such-dpkg")
-    assert debian_packages.missing(("libosmesa6-dev",)) is None
+    assert debian_packages.describe_missing(("libosmesa6-dev",)) is None
     (finding,) = debian_packages.unchecked(("libosmesa6-dev", "patchelf"))
     assert finding.text == (
         "whether libosmesa6-dev, patchelf are here could not be looked up: this system has no no-such-dpkg"

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-from fuzzing.mutating import content, mutated, mutated_json
+from fuzzing.mutating import content, mutate, mutate_json
 from fuzzing.targets import ROOT, Target
 
 from harness.judging import failure_texts
 from harness.judging.runs import decisive_line
-from harness.judging.runs.check import Ending, check_record, found_beside
-from harness.machine.store import Installed, Store
+from harness.judging.runs.check import Ending, check_record, side_findings
+from harness.machine.store import InstallResult, Store
 from harness.model import CellRecord, Lock, Phase, PhaseRecord
 from harness.model.hostile_data import Unreadable
 from harness.packages.environments import environment_damage, site_packages
@@ -53,7 +53,7 @@ RECORDS: list[dict[str, object]] = [
     {"kind": "frame", "check": "render.rgb_array", "which": "first", "path": "render.rgb_array-first.npy"},
     {"kind": "end", "modules": ["bootstrap.py"], "versions": {"numpy": "2.0.0"}},
 ]
-ASKED = {str(one["check"]) for one in RECORDS if one["kind"] == "start"}
+CHECK_NAMES = {str(one["check"]) for one in RECORDS if one["kind"] == "start"}
 WORKER: list[dict[str, object]] = [
     {"kind": "reached", "check": "vector.async.fork", "stage": "step"},
     {"kind": "raised", "check": "vector.async.fork", "raised": RAISED, "observed": None},
@@ -63,7 +63,7 @@ METADATA = (
     'Requires-Dist: mujoco[a,b]>=3; extra == "x" and python_version < "4"\nProvides-Extra: x\n\nText.\n'
 )
 RECORD = "hx.py,sha256=47DEQpj8HBSa-_TImW-5JCeuQeRkm5NMpJWZG3hSuFU,0\nhx/a.so,,\nhx-1.0.dist-info/RECORD,,\n"
-STORED = {"results": PhaseRecord, "locks": Lock, "installed": Installed, "cells": CellRecord}
+STORED = {"results": PhaseRecord, "locks": Lock, "installed": InstallResult, "cells": CellRecord}
 
 
 def jsonl(records: list[dict[str, object]], pid: int) -> str:
@@ -71,36 +71,36 @@ def jsonl(records: list[dict[str, object]], pid: int) -> str:
     return "".join(json.dumps({"seq": number, "pid": pid, **one}) + "\n" for number, one in enumerate(records))
 
 
-def damaged(whole: bytes, chance: random.Random) -> bytes:
+def damage_bytes(whole: bytes, chance: random.Random) -> bytes:
     """Return bytes with one to four of them changed, cut out, doubled, or in another place."""
-    made = bytearray(whole)
+    data = bytearray(whole)
     for _ in range(chance.randrange(1, 5)):
-        place, length = chance.randrange(len(made) + 1), chance.choice((1, 1, 2, 8, 64))
-        piece = bytes(made[place : place + length])
+        place, length = chance.randrange(len(data) + 1), chance.choice((1, 1, 2, 8, 64))
+        piece = bytes(data[place : place + length])
         match chance.randrange(5):
             case 0:
-                made[place : place + length] = chance.randbytes(length)
+                data[place : place + length] = chance.randbytes(length)
             case 1:
-                del made[place : place + length]
+                del data[place : place + length]
             case 2:
-                made[place:place] = piece * chance.choice((1, 2, 1000))
+                data[place:place] = piece * chance.choice((1, 2, 1000))
             case 3:
-                made[place:place] = chance.choice((b"(", b"-", b"9", b"\0", b"\n", b"PK\3\4")) * chance.choice(
+                data[place:place] = chance.choice((b"(", b"-", b"9", b"\0", b"\n", b"PK\3\4")) * chance.choice(
                     (1, 5000)
                 )
             case _ if piece:
-                made[place] ^= 1 << chance.randrange(8)
-    return bytes(made)
+                data[place] ^= 1 << chance.randrange(8)
+    return bytes(data)
 
 
 def _reply(chance: random.Random) -> list[str]:
     lines = jsonl(RECORDS, 7).splitlines(keepends=True)
     place = chance.randrange(len(lines))
-    lines[place] = mutated_json([lines[place]], chance) + "\n" * (chance.random() < 0.9)
-    whole = "".join(lines) if chance.random() < 0.8 else mutated(["".join(lines)], chance)
+    lines[place] = mutate_json([lines[place]], chance) + "\n" * (chance.random() < 0.9)
+    whole = "".join(lines) if chance.random() < 0.8 else mutate(["".join(lines)], chance)
     Path("reply.jsonl").write_bytes(content(whole, chance))
     worker = jsonl(WORKER, 77)
-    worker = mutated([worker], chance) if chance.random() < 0.3 else worker
+    worker = mutate([worker], chance) if chance.random() < 0.3 else worker
     Path("worker-77.jsonl").write_bytes(content(worker, chance))
     return ["reply"]
 
@@ -109,13 +109,13 @@ def _read_reply(words: list[str]) -> int:
     whole = Path("reply.jsonl").read_bytes()
     files = {"worker-77.jsonl": Path("worker-77.jsonl").read_bytes(), "worker-77.txt": whole[:1000]}
     reply = wire.read_reply(whole.splitlines(keepends=True), files)
-    for check in (one for one in reply.checks if one.check in ASKED):
+    for check in (one for one in reply.checks if one.check in CHECK_NAMES):
         record = check_record(check, ENDING, {})
         decisive_line.normalise(record.decisive or "", {"/python": "$ENV"})
         msgspec.json.decode(msgspec.json.encode(record))
-    list(found_beside(reply, ENDING, wire.followers_of(wire.FOLLOWERS)))
+    list(side_findings(reply, ENDING, wire.followers_of(wire.FOLLOWERS)))
     text = whole.decode("utf-8", "replace")
-    list(failure_texts.written({"reply.jsonl": text, "log.txt": text}, Phase.SINGLE))
+    list(failure_texts.extract_texts({"reply.jsonl": text, "log.txt": text}, Phase.SINGLE))
     list(upstream._tracebacks(text, "vector.async.fork"))
     return 2 if reply.problems else 0
 
@@ -129,7 +129,7 @@ def _frame(chance: random.Random) -> list[str]:
     if chance.random() < 0.3:
         numbers = re.sub(rb"\d+(?=[,)])", lambda _: str(chance.choice((0, -1, 3, 10**6, 10**30))).encode(), whole[:128])
         whole = numbers + whole[128:]
-    Path("frame.npy").write_bytes(damaged(whole, chance) if chance.random() < 0.9 else whole)
+    Path("frame.npy").write_bytes(damage_bytes(whole, chance) if chance.random() < 0.9 else whole)
     return ["frame"]
 
 
@@ -141,7 +141,9 @@ def _metadata(chance: random.Random) -> list[str]:
     folder = Path("env/lib/python3.11/site-packages/hx-1.0.dist-info")
     folder.mkdir(parents=True)
     for name, text in (("METADATA", METADATA), ("RECORD", RECORD)):
-        whole = content(mutated([text], chance), chance) if chance.random() < 0.7 else damaged(text.encode(), chance)
+        whole = (
+            content(mutate([text], chance), chance) if chance.random() < 0.7 else damage_bytes(text.encode(), chance)
+        )
         (folder / name).write_bytes(whole)
     (folder.parent / "hx.py").touch()
     return ["env"]
@@ -149,24 +151,24 @@ def _metadata(chance: random.Random) -> list[str]:
 
 def _read_metadata(words: list[str]) -> int:
     environment = Path("env").absolute()
-    list(environment_damage.damaged(environment, thorough=True))
+    list(environment_damage.find_damage(environment, thorough=True))
     environment_damage.replacing(environment)
     try:
         site_packages.versions(environment)
         site_packages.modules(environment)
         site_packages.requiring(environment, "numpy")
-        site_packages.unheld(environment)
+        site_packages.find_unmet(environment)
     except Unreadable:
         return 2
     return 0
 
 
 def _stored(chance: random.Random) -> list[str]:
-    found = sorted(ROOT.glob("reports/*/report.json"), key=lambda path: path.stat().st_size)[:2]
+    paths = sorted(ROOT.glob("reports/*/report.json"), key=lambda path: path.stat().st_size)[:2]
     seeds = ['{"phase": "single", "outcome": "passed", "checks": [{"check": "single.loop", "outcome": "passed"}]}']
-    seeds += [path.read_text(encoding="utf-8")[:4000] for path in found]
+    seeds += [path.read_text(encoding="utf-8")[:4000] for path in paths]
     Path("state/results/ab").mkdir(parents=True)
-    seed = mutated_json(seeds[:1], chance) if chance.random() < 0.7 else mutated(seeds, chance)
+    seed = mutate_json(seeds[:1], chance) if chance.random() < 0.7 else mutate(seeds, chance)
     Path("state/results/ab/cd.json").write_bytes(content(seed, chance))
     return ["state"]
 

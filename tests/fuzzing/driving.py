@@ -29,7 +29,7 @@ FOREIGN = {"subprocess.Popen", "os.exec", "os.posix_spawn", "os.fork", "os.syste
 
 
 @dataclass
-class Fuzzed:
+class FuzzResult:
     """The results of a target's inputs: their number, exit codes, the slowest, and broken promises."""
 
     name: str
@@ -51,9 +51,9 @@ _watched: list[Path] = []
 _hooked: list[bool] = []
 
 
-def fuzz(target: Target, count: int, folder: Path, seed: int = 0) -> Fuzzed:
+def fuzz(target: Target, count: int, folder: Path, seed: int = 0) -> FuzzResult:
     """Feed a target with so many inputs, the same for the same seed; at most five broken promises are kept."""
-    found = Fuzzed(name=target.name)
+    result = FuzzResult(name=target.name)
     for number in range(count):
         chance = random.Random(f"{target.name} {seed} {number}")
         with _workplace(folder):
@@ -61,18 +61,18 @@ def fuzz(target: Target, count: int, folder: Path, seed: int = 0) -> Fuzzed:
             began = time.process_time()
             try:
                 with _watching(folder):
-                    found.codes[target.run(words)] += 1
+                    result.codes[target.run(words)] += 1
             except (Exception, HungError, ForeignError):
                 trace = traceback.format_exc()[-3500:]
-                found.broken.append(f"{target.name} {seed} {number}: {words!r:.500}\n{trace}")
-                kept = folder.parent / "broken" / f"{target.name}-{seed}-{number}"
-                shutil.rmtree(kept, ignore_errors=True)
-                shutil.copytree(folder, kept)
-            found.slowest = max(found.slowest, time.process_time() - began)
-        found.count += 1
-        if len(found.broken) >= 5:
+                result.broken.append(f"{target.name} {seed} {number}: {words!r:.500}\n{trace}")
+                copy_folder = folder.parent / "broken" / f"{target.name}-{seed}-{number}"
+                shutil.rmtree(copy_folder, ignore_errors=True)
+                shutil.copytree(folder, copy_folder)
+            result.slowest = max(result.slowest, time.process_time() - began)
+        result.count += 1
+        if len(result.broken) >= 5:
             break
-    return found
+    return result
 
 
 @contextmanager

@@ -18,7 +18,7 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE.parent)]
 
 from fuzzing.cell_targets import CELL_TARGETS  # noqa: E402 - the folder of the tests
-from fuzzing.driving import LONGEST, Fuzzed, fuzz  # noqa: E402 - the folder of the tests
+from fuzzing.driving import LONGEST, FuzzResult, fuzz  # noqa: E402 - the folder of the tests
 from fuzzing.targets import TARGETS  # noqa: E402
 
 COUNT = 100_000
@@ -39,43 +39,44 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=COUNT, help="inputs of users, and as many of cells [100000]")
     parser.add_argument("-j", type=int, default=os.cpu_count() or 1, help="processes [cores]")
     options = parser.parse_args()
-    kept = Path(tempfile.mkdtemp(prefix="fuzzed-"))
-    found = {name: Fuzzed(name=name) for name in EVERY}
+    folder = Path(tempfile.mkdtemp(prefix="fuzzed-"))
+    results = {name: FuzzResult(name=name) for name in EVERY}
     with ProcessPoolExecutor(options.j) as pool:
-        for part in pool.map(_piece, *zip(*_pieces(options.count, kept), strict=True)):
-            whole = found[part.name]
+        for part in pool.map(_piece, *zip(*_pieces(options.count, folder), strict=True)):
+            whole = results[part.name]
             whole.count += part.count
             whole.codes += part.codes
             whole.slowest = max(whole.slowest, part.slowest)
             whole.broken += part.broken
             print("\n".join(part.broken), end="\n" * bool(part.broken), file=sys.stderr)
-    (HERE / "endurance.md").write_text(table(list(found.values())), encoding="utf-8")
-    broken = sum(len(one.broken) for one in found.values())
-    print(f"{sum(one.count for one in found.values())} inputs, {broken} broke a promise; inputs in {kept}")
+    (HERE / "endurance.md").write_text(table(list(results.values())), encoding="utf-8")
+    broken = sum(len(one.broken) for one in results.values())
+    print(f"{sum(one.count for one in results.values())} inputs, {broken} broke a promise; inputs in {folder}")
     return 1 if broken else 0
 
 
-def _pieces(count: int, kept: Path) -> Iterator[tuple[str, int, int, Path]]:
+def _pieces(count: int, folder: Path) -> Iterator[tuple[str, int, int, Path]]:
     for name, share in SHARES.items():
         for seed, start in enumerate(range(0, round(count * share), PIECE)):
-            yield name, min(PIECE, round(count * share) - start), seed, kept
+            yield name, min(PIECE, round(count * share) - start), seed, folder
 
 
-def _piece(name: str, count: int, seed: int, kept: Path) -> Fuzzed:
-    return fuzz(EVERY[name], count, kept / f"work-{os.getpid()}", seed)
+def _piece(name: str, count: int, seed: int, folder: Path) -> FuzzResult:
+    return fuzz(EVERY[name], count, folder / f"work-{os.getpid()}", seed)
 
 
-def table(found: list[Fuzzed]) -> str:
+def table(results: list[FuzzResult]) -> str:
     """Write what came as Markdown."""
     rows = []
-    for one in found:
-        codes = Counter(one.codes)
-        other = one.count - codes[0] - codes[2] - len(one.broken)
-        counts = (one.count, codes[0], codes[2], other)
+    for result in results:
+        codes = Counter(result.codes)
+        other = result.count - codes[0] - codes[2] - len(result.broken)
+        counts = (result.count, codes[0], codes[2], other)
         rows.append(
-            f"| {one.name} | {' | '.join(f'{each:,}' for each in counts)} | {one.slowest:.1f} s | {len(one.broken)} |"
+            f"| {result.name} | {' | '.join(f'{each:,}' for each in counts)} | {result.slowest:.1f} s "
+            f"| {len(result.broken)} |"
         )
-    total = sum(one.count for one in found)
+    total = sum(one.count for one in results)
     lines = [
         "# Mutated inputs",
         "",

@@ -25,7 +25,7 @@ ATOMS = (
 """Replacements of a token: limits, other types, syntax of every format, characters that terminals and pages obey."""
 
 
-def mutated(seeds: Sequence[str], chance: random.Random) -> str:
+def mutate(seeds: Sequence[str], chance: random.Random) -> str:
     """Return one of the texts with one to six mutations."""
     text = chance.choice(seeds)
     for _ in range(chance.choice((1, 1, 1, 1, 2, 5))):
@@ -33,10 +33,10 @@ def mutated(seeds: Sequence[str], chance: random.Random) -> str:
     return text
 
 
-def mutated_json(seeds: Sequence[str], chance: random.Random) -> str:
+def mutate_json(seeds: Sequence[str], chance: random.Random) -> str:
     """Return one of the JSON documents with other values, keys or depths; now and then as mutated text."""
     if chance.random() < 0.2:
-        return mutated(seeds, chance)
+        return mutate(seeds, chance)
     document = json.loads(chance.choice(seeds))
     for _ in range(chance.choice((1, 1, 2, 4))):
         _mutate_value(document, chance)
@@ -45,16 +45,16 @@ def mutated_json(seeds: Sequence[str], chance: random.Random) -> str:
 
 def content(text: str, chance: random.Random) -> bytes:
     """Return a text as bytes, now and then in an encoding that nobody expects, or with a bit that is wrong."""
-    made = text.encode("utf-8", "surrogatepass")
+    data = text.encode("utf-8", "surrogatepass")
     match chance.randrange(40):
         case 0:
             return text.encode("utf-16", "surrogatepass")
         case 1:
-            return b"\xef\xbb\xbf" + made
-        case 2 if made:
-            place = chance.randrange(len(made))
-            return made[:place] + bytes([made[place] ^ 1 << chance.randrange(8)]) + made[place + 1 :]
-    return made
+            return b"\xef\xbb\xbf" + data
+        case 2 if data:
+            place = chance.randrange(len(data))
+            return data[:place] + bytes([data[place] ^ 1 << chance.randrange(8)]) + data[place + 1 :]
+    return data
 
 
 def _replace_token(text: str, seeds: Sequence[str], chance: random.Random) -> str:
@@ -85,8 +85,8 @@ def _swap_lines(text: str, seeds: Sequence[str], chance: random.Random) -> str:
     lines = text.splitlines(keepends=True)
     if len(lines) < 2:
         return text
-    one, other = chance.randrange(len(lines)), chance.randrange(len(lines))
-    lines[one], lines[other] = lines[other], lines[one]
+    first, other = chance.randrange(len(lines)), chance.randrange(len(lines))
+    lines[first], lines[other] = lines[other], lines[first]
     return "".join(lines)
 
 

@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path
 
 import pypi_simple  # noqa: F401 - urllib3 makes a socket when it is imported
-from fuzzing.mutating import ATOMS, content, mutated, mutated_json
+from fuzzing.mutating import ATOMS, content, mutate, mutate_json
 
 from harness.__main__ import VERBS, main
 from harness.model.errors import HarnessError
@@ -70,17 +70,17 @@ class Target:
 
 def texts(*globs: str) -> list[str]:
     """Return committed files that are small enough."""
-    found = (path.read_text(encoding="utf-8") for glob in globs for path in sorted(ROOT.glob(glob)))
-    return [text for text in found if len(text) <= LARGEST_SEED]
+    contents = (path.read_text(encoding="utf-8") for glob in globs for path in sorted(ROOT.glob(glob)))
+    return [text for text in contents if len(text) <= LARGEST_SEED]
 
 
 @cache
 def matrices() -> list[str]:
     """Return the committed matrices, and those of the tests."""
-    found = texts("matrices/*.toml", "matrices/*/*.toml", "tests/e2e/spine/*.toml")
+    candidates = texts("matrices/*.toml", "matrices/*/*.toml", "tests/e2e/spine/*.toml")
     usable = []
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        for text in found:
+        for text in candidates:
             written = text.replace("@FAKES@", '"fake-healthy"')
             Path("m.toml").write_text(written, encoding="utf-8")
             usable += [written] if command(["plan", "m.toml", "--offline"]) == 0 else []
@@ -90,13 +90,13 @@ def matrices() -> list[str]:
 @cache
 def reports() -> list[str]:
     """Return the committed reports that are small enough to be made again and again."""
-    found = [path.read_text(encoding="utf-8") for path in sorted(ROOT.glob("reports/*/report.json"))]
-    return sorted(found, key=len)[:4]
+    documents = [path.read_text(encoding="utf-8") for path in sorted(ROOT.glob("reports/*/report.json"))]
+    return sorted(documents, key=len)[:4]
 
 
 def command(words: list[str]) -> int:
     """Run one command line of the harness in this process, what it prints being thrown away."""
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as told:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()) as errors:
         before, sys.stdin = sys.stdin, io.TextIOWrapper(io.BytesIO(b"ValueError: x\n"))
         try:
             code = main(words)
@@ -104,12 +104,12 @@ def command(words: list[str]) -> int:
             code = end.code if isinstance(end.code, int) else 2
         finally:
             sys.stdin = before
-    assert code != HarnessError.exit_code, told.getvalue()[-3000:]
+    assert code != HarnessError.exit_code, errors.getvalue()[-3000:]
     return code
 
 
 def _matrix(chance: random.Random) -> list[str]:
-    Path("m.toml").write_bytes(content(mutated(matrices(), chance), chance))
+    Path("m.toml").write_bytes(content(mutate(matrices(), chance), chance))
     return ["plan", "m.toml", "--offline", "--json"]
 
 
@@ -117,7 +117,7 @@ def _requirements(chance: random.Random) -> list[str]:
     name = chance.choice(sorted(REQUIREMENTS))
     every = [text for listed in REQUIREMENTS.values() for text in listed]
     seeds = list(REQUIREMENTS[name]) * 8 + every
-    Path(name).write_bytes(content(mutated(seeds, chance), chance))
+    Path(name).write_bytes(content(mutate(seeds, chance), chance))
     return [name]
 
 
@@ -130,7 +130,7 @@ def _read_requirements(words: list[str]) -> int:
 
 
 def _report(chance: random.Random) -> list[str]:
-    Path("report.json").write_bytes(content(mutated_json(reports(), chance), chance))
+    Path("report.json").write_bytes(content(mutate_json(reports(), chance), chance))
     form = chance.choice(["terminal", "md", "github", "github-summary", "table", "json"])
     return ["report", "report.json", "--format", form]
 
@@ -139,7 +139,7 @@ def _merge(chance: random.Random) -> list[str]:
     for name in ("one", "two"):
         Path(name).mkdir(exist_ok=True)
         Path(name, "report.json").write_text(chance.choice(reports()), encoding="utf-8")
-    Path("two", "report.json").write_bytes(content(mutated_json(reports(), chance), chance))
+    Path("two", "report.json").write_bytes(content(mutate_json(reports(), chance), chance))
     return ["merge", "one", "two", "--out", "out"]
 
 

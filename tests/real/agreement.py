@@ -31,7 +31,7 @@ NONE = "none"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Compared:
+class Comparison:
     """One case of one entry: its first failing phase by hand and by the harness, `none` where all passed."""
 
     cell: str
@@ -66,7 +66,7 @@ def entries() -> list[dict]:
 
 def cell_of(number: int, entry: dict) -> Cell:
     """Return the cell of an entry."""
-    asked = plan.Asked(
+    options = plan.TrialOptions(
         requirements=tuple(entry["requirements"]),
         only_binary=tuple(entry.get("only_binary", ())),
         python=entry["python"],
@@ -74,13 +74,13 @@ def cell_of(number: int, entry: dict) -> Cell:
         api=entry["cases"][0]["api"],
         as_of=str(entry["snapshot"]),
     )
-    (cell,) = plan.single(asked).cells
-    told = {case["env"]: case for case in entry["cases"]}
+    (cell,) = plan.single(options).cells
+    cases_by_env = {case["env"]: case for case in entry["cases"]}
     cases = tuple(
         replace(
             case,
-            imports=tuple(told[case.env].get("imports", ())),
-            kwargs=told[case.env].get("kwargs", {}),
+            imports=tuple(cases_by_env[case.env].get("imports", ())),
+            kwargs=cases_by_env[case.env].get("kwargs", {}),
             packages=(),  # by hand nothing was imported but what the entry says
         )
         for case in cell.cases
@@ -96,14 +96,14 @@ def run(cells: Sequence[Cell], opened: store.Store) -> tuple[CellRecord, ...]:
         return scheduler.run(cells, opened, settings, board)
 
 
-def compare(entry: dict, record: CellRecord) -> list[Compared]:
+def compare(entry: dict, record: CellRecord) -> list[Comparison]:
     """Compare each case of an entry with the harness's record."""
     judged = assess(record)
-    found = []
+    comparisons = []
     for case in entry["cases"]:
         phase, decisive = first_failure(record, case["env"])
-        found.append(
-            Compared(
+        comparisons.append(
+            Comparison(
                 cell=record.cell.label,
                 python=entry["python"],
                 requirements=tuple(entry["requirements"]),
@@ -114,7 +114,7 @@ def compare(entry: dict, record: CellRecord) -> list[Compared]:
                 decisive=decisive or "",
             )
         )
-    return found
+    return comparisons
 
 
 def first_failure(record: CellRecord, env: str) -> tuple[str, str | None]:
@@ -129,7 +129,7 @@ def first_failure(record: CellRecord, env: str) -> tuple[str, str | None]:
     return NONE, record.unavailable
 
 
-def render(compared: Sequence[Compared], command: str) -> str:
+def render(compared: Sequence[Comparison], command: str) -> str:
     """Return the table of agreement as Markdown."""
     agreeing = sum(one.agrees for one in compared)
     red = [one for one in compared if one.by_hand != NONE]
@@ -163,8 +163,8 @@ def _cell(text: str) -> str:
 def main(arguments: Sequence[str]) -> int:
     """Run and compare; the whole table is written only when everything was run."""
     pattern = arguments[0] if arguments else "*"
-    known = [(entry, cell_of(number, entry)) for number, entry in enumerate(entries(), 1)]
-    chosen = [(entry, cell) for entry, cell in known if fnmatchcase(cell.label, pattern)]
+    pairs = [(entry, cell_of(number, entry)) for number, entry in enumerate(entries(), 1)]
+    chosen = [(entry, cell) for entry, cell in pairs if fnmatchcase(cell.label, pattern)]
     records = run([cell for _, cell in chosen], store.open_store())
     compared = [one for (entry, _), record in zip(chosen, records, strict=True) for one in compare(entry, record)]
     text = render(compared, "python tests/real/agreement.py")

@@ -29,12 +29,12 @@ from harness.running.controls import ControlTable
 def lock(table: ControlTable, snapshot: str) -> str:
     """Return the lock of a control's requirements, in the form of its file."""
     with TemporaryDirectory() as folder:
-        made, bounds, asked = (Path(folder) / name for name in ("pylock.toml", "bounds.txt", "asked.txt"))
+        output, bounds, requirements = (Path(folder) / name for name in ("pylock.toml", "bounds.txt", "asked.txt"))
         bounds.write_text("\n".join(table.build_constraints), encoding="utf-8")
-        asked.write_text("\n".join(table.requirements), encoding="utf-8")
+        requirements.write_text("\n".join(table.requirements), encoding="utf-8")
         where = ("--python-version", table.python, "--exclude-newer", snapshot, "--build-constraint", bounds)
-        subprocess.run((find_uv_bin(), "pip", "compile", asked, "-q", "-o", made, *where), check=True)
-        packages = tomllib.loads(made.read_text(encoding="utf-8"))["packages"]
+        subprocess.run((find_uv_bin(), "pip", "compile", requirements, "-q", "-o", output, *where), check=True)
+        packages = tomllib.loads(output.read_text(encoding="utf-8"))["packages"]
     lines = {one["name"]: (f"{one['name']}=={one['version']}", *files(one, table.python)) for one in packages}
     return "".join(" \\\n    --hash=sha256:".join(lines[name]) + "\n" for name in sorted(lines))
 
@@ -56,7 +56,7 @@ def fits(filename: str, python: str) -> bool:
     return False
 
 
-class Told:
+class StderrObserver:
     """Progress messages on stderr."""
 
     def started(self, cell: Cell) -> None:
@@ -80,8 +80,8 @@ def describe(record: CellRecord) -> str:
     more = f"; not verified: {', '.join(judged.unverified)}" if judged.unverified else ""
     why = f" in {judged.phase}: {judged.decisive}" if judged.decisive else ""
     findings = (finding.text for case in record.cases for phase in case.phases for finding in phase.findings)
-    told = f"{judged.verdict}{more}{why} ({record.seconds:.1f} s, python {record.python})"
-    return "\n    ".join((told, *findings))
+    summary = f"{judged.verdict}{more}{why} ({record.seconds:.1f} s, python {record.python})"
+    return "\n    ".join((summary, *findings))
 
 
 def main() -> int:
@@ -99,7 +99,7 @@ def main() -> int:
             store.write_atomic(place / f"{table.id}.txt", lock(table, read.snapshot).encode())
         return 0
     cells = [cell for cell in controls.cells() if not args.ids or cell.label in args.ids]
-    records = scheduler.run(cells, store.open_store(), scheduler.Settings(fresh=args.fresh), Told())
+    records = scheduler.run(cells, store.open_store(), scheduler.Settings(fresh=args.fresh), StderrObserver())
     verdicts = {assess(record).verdict for record in records}
     return 0 if verdicts <= {Verdict.WORKS, Verdict.UNAVAILABLE} else 1
 

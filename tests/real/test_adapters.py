@@ -22,7 +22,7 @@ from harness.model import Cell, CellRecord, Level, Outcome, Phase, words
 from harness.model.vocabulary import APIS, MISLEADING
 from harness.probes import launch
 from harness.running import open_matrix, resolving
-from harness.running.scheduler import Controlled, Runner, Settings
+from harness.running.scheduler import ControlledRunner, Runner, Settings
 from harness.smoke.tried import CellUnderTest
 
 HERE = Path(__file__).parent
@@ -37,13 +37,13 @@ def name(release: dict[str, Any]) -> str:
 
 
 @pytest.fixture(scope="module")
-def runner(tmp_path_factory: pytest.TempPathFactory) -> Controlled:
+def runner(tmp_path_factory: pytest.TempPathFactory) -> ControlledRunner:
     """Return a runner with a state and a cache of these tests alone."""
     folder = tmp_path_factory.mktemp("adapters")
     patch = pytest.MonkeyPatch()
     patch.setenv("HARNESS_STATE", str(folder / "state"))
     patch.setenv("HARNESS_CACHE", os.environ.get("HARNESS_CACHE") or str(folder / "cache"))
-    yield Controlled(Runner(store.open_store(), Settings(), resolving.Unobserved()))
+    yield ControlledRunner(Runner(store.open_store(), Settings(), resolving.Unobserved()))
     patch.undo()
 
 
@@ -88,7 +88,9 @@ def toml(value: Any) -> str:
 
 
 @pytest.mark.parametrize("release", RELEASES, ids=name)
-def test_a_release_is_driven_as_a_user_drives_it(release: dict[str, Any], runner: Controlled, tmp_path: Path) -> None:
+def test_a_release_is_driven_as_a_user_drives_it(
+    release: dict[str, Any], runner: ControlledRunner, tmp_path: Path
+) -> None:
     """Every check passes with known findings only, and each value equals that of a loop by hand."""
     asked = cell(release, tmp_path)
     record = runner.measure(asked)
@@ -140,7 +142,7 @@ def told_of(code: str, data: dict[str, Any]) -> str:
     return words.in_words(plain) or code
 
 
-def witnessed(runner: Controlled, asked: Cell, release: dict[str, Any]) -> dict[str, Any]:
+def witnessed(runner: ControlledRunner, asked: Cell, release: dict[str, Any]) -> dict[str, Any]:
     """Return the results of the adapter and of a loop by hand, both run inside the cell."""
     installing = replace(runner.runner, settings=Settings(until=Phase.INSTALL))
     ready = installing.prepare(replace(asked, cases=()))

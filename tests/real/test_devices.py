@@ -17,7 +17,7 @@ import pytest
 import standin
 from uv import find_uv_bin
 
-from harness.devices.egl_rules import Choice, Device, Settings, chosen
+from harness.devices.egl_rules import Choice, Device, Settings, choose_device
 from harness.machine import interpreters
 from harness.model import Case, Outcome
 
@@ -183,7 +183,7 @@ def foretold(library: str, release: str, devices: str, settings: Settings, mujoc
         Device(cuda=None if word[0] == "-" else int(word.rstrip("!")), works=not word.endswith("!"))
         for word in devices.split(",")
     ]
-    found: Choice = chosen(library, release, settings, known, mujoco)
+    found: Choice = choose_device(library, release, settings, known, mujoco)
     return [found.device, found.error, str(found.stage) if found.error else "make"]
 
 

@@ -128,7 +128,7 @@ def test_same_snapshot_same_bytes(
 
     assert first.requirements == second.requirements
     assert "//" not in first.requirements
-    assert locks.pinned(first.requirements).keys() == first.versions.keys()
+    assert locks.read_pins(first.requirements).keys() == first.versions.keys()
 
 
 def test_reinstall_from_a_committed_lock(

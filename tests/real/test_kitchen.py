@@ -10,7 +10,7 @@ from test_adapters import runner  # noqa: F401 - a fixture
 from harness.judging.assess import assess
 from harness.model import Cell, CellRecord, Outcome, Verdict
 from harness.running import open_matrix, shipped_signatures
-from harness.running.scheduler import Controlled
+from harness.running.scheduler import ControlledRunner
 
 MATRIX = Path(__file__).parents[2] / "matrices" / "kitchen-twin.toml"
 WHOLE = "py3.9_gymnasium-absent_gym-0.21.0_dm-control-1.0.20_mujoco-3.2.0_whole"
@@ -39,7 +39,7 @@ def checks(record: CellRecord) -> dict[tuple[str, str], tuple[Outcome, str | Non
 
 def test_the_workers_error_decides_and_a_known_remedy_cures(
     cells: dict[str, Cell],
-    runner: Controlled,  # noqa: F811
+    runner: ControlledRunner,  # noqa: F811
     tmp_path: Path,
 ) -> None:
     """If only workers load the model, their error decides and their parent's is a mask.
@@ -66,7 +66,7 @@ def test_the_workers_error_decides_and_a_known_remedy_cures(
     assert {outcome for outcome, _, _ in ended.values()} <= {Outcome.PASSED, Outcome.SKIPPED}
 
 
-def test_what_spares_the_parent_hides_the_error(cells: dict[str, Cell], runner: Controlled) -> None:  # noqa: F811
+def test_what_spares_the_parent_hides_the_error(cells: dict[str, Cell], runner: ControlledRunner) -> None:  # noqa: F811
     """With Diffusion Policy's `dummy_env_fn` the parent sees a mask; without it, the error itself."""
     record = runner.measure(cells[WHOLE])
     if record.unavailable:

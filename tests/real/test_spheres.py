@@ -13,7 +13,7 @@ from test_adapters import RELEASES, cell, name, runner  # noqa: F401 - a fixture
 
 from harness.model import Phase
 from harness.probes import launch
-from harness.running.scheduler import Controlled, Settings
+from harness.running.scheduler import ControlledRunner, Settings
 from harness.smoke.tried import CellUnderTest
 
 HEIGHT, FALLEN = 1.0, 9.81 * 0.002**2 * 50 * 51 / 2
@@ -39,7 +39,7 @@ print("HEIGHT", float(seen[ASKED["key"]].reshape(-1)[ASKED["place"]]))
 
 
 @pytest.mark.parametrize("release", [one for one in RELEASES if one["api"] in PLACES], ids=name)
-def test_a_sphere_falls_as_it_must(release: dict[str, Any], runner: Controlled, tmp_path: Path) -> None:  # noqa: F811
+def test_a_sphere_falls_as_it_must(release: dict[str, Any], runner: ControlledRunner, tmp_path: Path) -> None:  # noqa: F811
     """A falling sphere is at a height of 0.949969 m after 50 steps of 2 ms."""
     api = release["api"]
     asked = cell({**release, "env": f"{api}:sphere"}, tmp_path)

@@ -69,12 +69,12 @@ def by_hand(source, case, seed, actions):
     return entries
 
 
-def main(asked):
+def main(request):
     """Print the results of both."""
-    enter(asked["incell"])
-    adapted, actions, complaints = by_adapter(asked["case"], asked["seed"], asked["steps"])
-    made = by_hand(asked["by_hand"], asked["case"], asked["seed"], actions)
-    print("\nWITNESS " + json.dumps({"adapter": adapted, "by_hand": made, "complaints": complaints}), flush=True)
+    enter(request["incell"])
+    adapted, actions, complaints = by_adapter(request["case"], request["seed"], request["steps"])
+    entries = by_hand(request["by_hand"], request["case"], request["seed"], actions)
+    print("\nWITNESS " + json.dumps({"adapter": adapted, "by_hand": entries, "complaints": complaints}), flush=True)
 
 
 if __name__ == "__main__":

@@ -87,7 +87,7 @@ def phase(
     )
 
 
-def checked(**ended: Outcome) -> PhaseRecord:
+def phase_of_checks(**ended: Outcome) -> PhaseRecord:
     """A phase of several checks, each with a line of its own: `vector_async_fork` is the check `vector.async.fork`.
 
     It ended as the first of them that did not pass.
@@ -102,7 +102,7 @@ def checked(**ended: Outcome) -> PhaseRecord:
     )
 
 
-def drawn(camera: Outcome | None, line: str = "looks elsewhere", **facts: Any) -> PhaseRecord:
+def render_phase(camera: Outcome | None, line: str = "looks elsewhere", **facts: Any) -> PhaseRecord:
     """Return a render phase with a picture that has these facts, and the outcome of its camera check, if it ran."""
     checks = [CheckRecord(check="render.rgb_array", outcome=Outcome.PASSED, facts=facts)]
     checks += [CheckRecord(check="render.camera", outcome=camera, decisive=line)] if camera else []
@@ -134,7 +134,7 @@ def cell(label: str = "py3.11_gymnasium-1.2.3", cases: Iterable[str] = ("ant",),
     return Cell(**(values | more))
 
 
-def asking(*requirements: str, constraints: Iterable[str] = (), **more: Any) -> Cell:
+def cell_requiring(*requirements: str, constraints: Iterable[str] = (), **more: Any) -> Cell:
     """Return a cell without cases that has these requirements and constraints."""
     question = Question(requirements=requirements, constraints=tuple(constraints))
     return cell(**({"cases": (), "axes": {}, "question": question} | more))
@@ -170,12 +170,12 @@ def signature(name: str, pattern: str | None = "solver_iter", **more: Any) -> Si
     return schema.load_json(json.dumps(plain | more), Signature, name)
 
 
-def knowing(*signatures: Signature, **logs: Mapping[str, str]) -> Knowledge:
+def make_knowledge(*signatures: Signature, **logs: Mapping[str, str]) -> Knowledge:
     """Return knowledge of these signatures, with texts at paths whose last part is the name."""
     return Knowledge(signatures=lambda: signatures, logs=lambda path: logs.get(Path(path).name, {}))
 
 
-def known(name: str, pattern: str | None = "no wings", **more: Any) -> matching.Known:
+def standalone_signature(name: str, pattern: str | None = "no wings", **more: Any) -> matching.Signature:
     """Return a known failure of `single` as the standalone code reads it."""
     plain = {"id": name, "cause": f"the cause of {name}", "remedy": {"text": "mend it"}, "phases": ["single"]}
     return matching.read({**plain, **({"pattern": pattern} if pattern else {}), **more})
@@ -190,17 +190,17 @@ def diagnosis(name: str, **more: Any) -> DiagnosisEntry:
 # --- documents -------------------------------------------------------------------------------------------------
 
 
-def document_of(*records: CellRecord, known: Knowledge = NOTHING_KNOWN, **plan: Any) -> Document:
+def document_of(*records: CellRecord, knowledge: Knowledge = NOTHING_KNOWN, **plan: Any) -> Document:
     """Return a document of these records; `plan` holds more fields of its plan."""
     cells = tuple({one.cell.id: one.cell for one in records}.values())
     planned = Plan(matrix="quick", cells=cells, **plan)
     machines = {one.machine: MACHINES[HERE] for one in records}
-    return document.build(records, [planned], machines, GENERATED, known=known)
+    return document.build(records, [planned], machines, GENERATED, known=knowledge)
 
 
-def entry(made: CellRecord, known: Knowledge = NOTHING_KNOWN) -> CellEntry:
+def entry(cell_record: CellRecord, knowledge: Knowledge = NOTHING_KNOWN) -> CellEntry:
     """Return the entry of a record, in a document that holds only this record."""
-    return document_of(made, known=known).cells[0]
+    return document_of(cell_record, knowledge=knowledge).cells[0]
 
 
 def plain(judgement: Mapping[Phase, Outcome]) -> dict[str, str]:

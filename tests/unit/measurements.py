@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 from packaging.utils import canonicalize_name
 
-from harness.judging.known_failures import counted
+from harness.judging.known_failures import select_counting
 from harness.model import Outcome, Phase, Verdict
 from harness.model.report_types import CaseEntry, CellEntry
 from harness.model.vocabulary import parsed_requirement, required_name
@@ -63,8 +63,8 @@ def everything() -> tuple[Measurement, ...]:
 def of_reports() -> Iterator[Measurement]:
     """Yield the cases of all committed cells."""
     for path in sorted((ROOT / "reports").glob("*/report.json")):
-        made = document.read(path.read_bytes(), str(path))
-        for cell in made.cells:
+        report = document.read(path.read_bytes(), str(path))
+        for cell in report.cells:
             if cell.verdict not in {Verdict.UNAVAILABLE, Verdict.NOT_RUN, Verdict.INCONCLUSIVE}:
                 yield from (_of_case(path.parent, cell, case) for case in cell.cases)
 
@@ -76,17 +76,17 @@ def _of_case(folder: Path, cell: CellEntry, case: CaseEntry) -> Measurement:
     lines = {case.decisive, *case.reasons.values(), *case.masked.values()}
     mine = [one for one in cell.diagnoses if one.seen in lines]
     counted = counted_failures.counted(msgspec.structs.replace(cell, diagnoses=tuple(mine) or cell.diagnoses))
-    known = tuple(one.signature for one in counted)
-    asked = tuple(f"{name}={value}" for name, value in sorted({**cell.environment, **cell.supplied}.items()))
+    causes = tuple(one.signature for one in counted)
+    variables = tuple(f"{name}={value}" for name, value in sorted({**cell.environment, **cell.supplied}.items()))
     brought = sorted(map(str, cell.brought or ()))
     bundled = [] if cell.change is None else [json.dumps(cell.change.change, sort_keys=True)]
     return Measurement(
         source=f"{cell.id}: {case.case}",
-        group=(case.case, case.api, *asked, *brought, *bundled),
+        group=(case.case, case.api, *variables, *brought, *bundled),
         question=tuple(sorted(cell.requirements)),
         versions=cell.installed or _locked(folder / cell.lock if cell.lock else None) or pins(cell.requirements),
         python=cell.python,
-        causes=() if works else known,
+        causes=() if works else causes,
         works=works,
         passed=works,
         reason=cell.expectation.reason if cell.expectation else "",
@@ -96,17 +96,17 @@ def _of_case(folder: Path, cell: CellEntry, case: CaseEntry) -> Measurement:
 def _locked(path: Path | None) -> dict[str, str]:
     if path is None or not path.is_file():
         return {}
-    return {name: version for name, (version, _) in locks.pinned(path.read_text(encoding="utf-8")).items()}
+    return {name: version for name, (version, _) in locks.read_pins(path.read_text(encoding="utf-8")).items()}
 
 
 def pins(lines: tuple[str, ...]) -> dict[str, str]:
     """Return the packages of which lines ask for one version."""
-    found = {}
+    versions = {}
     for line in lines:
         exact = [each.version for each in parsed_requirement(line).specifier if each.operator == "=="]
         if len(exact) == 1 and "*" not in exact[0]:
-            found[str(canonicalize_name(parsed_requirement(line).name))] = exact[0]
-    return found
+            versions[str(canonicalize_name(parsed_requirement(line).name))] = exact[0]
+    return versions
 
 
 # --- by hand ---------------------------------------------------------------------------------------------------
@@ -114,23 +114,25 @@ def pins(lines: tuple[str, ...]) -> dict[str, str]:
 
 def of_hand() -> Iterator[Measurement]:
     """Yield the cases of `tests/real/measured.toml`, which were measured without the harness."""
-    known = shipped_signatures.known()
+    signatures = shipped_signatures.load_all()
     text = (ROOT / "tests" / "real" / "measured.toml").read_text(encoding="utf-8")
-    for number, one in enumerate(tomllib.loads(text)["combination"], start=1):
-        lines = tuple(sorted(one["requirements"]))
-        versions = {**pins(lines), **one.get("installed", {})}
-        for case in one["cases"]:
+    for number, combination in enumerate(tomllib.loads(text)["combination"], start=1):
+        lines = tuple(sorted(combination["requirements"]))
+        versions = {**pins(lines), **combination.get("installed", {})}
+        for case in combination["cases"]:
             works = case["first_failure"] == "none"
-            around = Around(requirements=tuple(f"{name}=={it}" for name, it in versions.items()), python=one["python"])
+            around = Around(
+                requirements=tuple(f"{name}=={it}" for name, it in versions.items()), python=combination["python"]
+            )
             seen = Evidence(phase=None if works else Phase(case["first_failure"]), told=(case.get("decisive", ""),))
-            found = () if works else diagnose(known, [seen], around)
+            diagnoses = () if works else diagnose(signatures, [seen], around)
             yield Measurement(
                 source=f"measured.toml, combination {number}: {case['env']}",
                 group=(case["env"].replace(":", "-").replace("/", "-"), case["api"]),
                 question=lines,
                 versions=versions,
-                python=one["python"],
-                causes=tuple(str(each.signature.id) for each in counted(found, seen.told)),
+                python=combination["python"],
+                causes=tuple(str(each.signature.id) for each in select_counting(diagnoses, seen.told)),
                 works=works,
                 passed=works,
             )
@@ -142,20 +144,20 @@ def of_hand() -> Iterator[Measurement]:
 def of_certificates() -> Iterator[Measurement]:
     """Yield the runs of all certificates along the releases of a package."""
     for path in sorted((ROOT / "benchmarks" / "certificates").glob("*/bisect.json")):
-        made = json.loads(path.read_text(encoding="utf-8"))
-        if not made["axis"].startswith("--"):
-            yield from _of_certificate(path, made)
+        certificate = json.loads(path.read_text(encoding="utf-8"))
+        if not certificate["axis"].startswith("--"):
+            yield from _of_certificate(path, certificate)
 
 
-def _of_certificate(path: Path, made: Mapping[str, Any]) -> Iterator[Measurement]:
+def _of_certificate(path: Path, certificate: Mapping[str, Any]) -> Iterator[Measurement]:
     beside = {**_locked(path.parent / "bad.lock.txt"), **_locked(path.parent / "good.lock.txt")}
-    for run in made["runs"]:
+    for run in certificate["runs"]:
         if run["verdict"] not in {"unresolvable", "uninstallable"}:
             yield Measurement(
                 source=f"{path.parent.name}, run {run['number']}",
                 group=(path.parent.name,),
                 question=(),
-                versions={**beside, made["axis"]: run["candidate"]},
+                versions={**beside, certificate["axis"]: run["candidate"]},
                 python=run["python"],
                 causes=tuple(run["causes"]),
                 works=run["why"] == "whole" and run["verdict"] == "works",
@@ -169,15 +171,15 @@ def _of_certificate(path: Path, made: Mapping[str, Any]) -> Iterator[Measurement
 def of_judges() -> Iterator[Measurement]:
     """Yield the failing combinations of `benchmarks/judged.toml`, with the causes that were read from their logs."""
     truths = tomllib.loads((ROOT / "benchmarks" / "judged-truth.toml").read_text(encoding="utf-8"))["truth"]
-    asked = tomllib.loads((ROOT / "benchmarks" / "judged.toml").read_text(encoding="utf-8"))["axes"]["what"]
+    combinations = tomllib.loads((ROOT / "benchmarks" / "judged.toml").read_text(encoding="utf-8"))["axes"]["what"]
     for truth in truths:
         python, _, name = truth["cell"].partition("_")
-        one = asked.get(name) or asked.get(f"{name}-{python}")
-        if one and truth["named"]:
-            lines = tuple(sorted(one["requirements"]))
+        combination = combinations.get(name) or combinations.get(f"{name}-{python}")
+        if combination and truth["named"]:
+            lines = tuple(sorted(combination["requirements"]))
             yield Measurement(
                 source=f"judged-truth.toml: {truth['cell']}",
-                group=tuple(case.get("env", "") for case in one["cases"]),
+                group=tuple(case.get("env", "") for case in combination["cases"]),
                 question=lines,
                 versions=pins(lines),
                 python=python.removeprefix("py"),

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from harness.judging.runs.fold import Asked, wanted_of
+from harness.judging.runs.fold import CasePlan, wanted_of
 from harness.model import CASE_PHASES, Case
 from harness.probes import wire
 from harness.probes.evidence import LOG, REPLY, End, Host, ProbeRun, Reading, Request
@@ -93,14 +93,14 @@ def reading(
     program: Mapping[str, str] | None = None,
 ) -> Reading:
     """Return the stored run of a request: a process that came to these checks and ended in this way."""
-    told = tuple(one for check in checks for one in (check, *followers(check, request.followers)))
-    dead = not told or told[-1].outcome is DIED
-    written = {REPLY: lines(told, last=not dead)} if told else {}
+    all_checks = tuple(one for check in checks for one in (check, *followers(check, request.followers)))
+    dead = not all_checks or all_checks[-1].outcome is DIED
+    written = {REPLY: lines(all_checks, last=not dead)} if all_checks else {}
     written = {**written, LOG: b"", **(texts or {})}
-    known = program if program is not None else dict.fromkeys((*request.limits, *request.followers), PROGRAM)
+    program_digests = program if program is not None else dict.fromkeys((*request.limits, *request.followers), PROGRAM)
     files = {name: sha256(content).hexdigest() for name, content in written.items()}
     instant = "2026-11-23T12:00:00Z"
-    run = ProbeRun(request=request, program=known, end=end, host=host, files=files, measured=instant)
+    run = ProbeRun(request=request, program=program_digests, end=end, host=host, files=files, measured=instant)
     return Reading(sha256(msgspec.json.encode(run)).hexdigest(), run, written)
 
 
@@ -113,8 +113,8 @@ CASE = Case(
 )
 
 
-def asked(case: Case = CASE, *, verify: bool = False, program: Mapping[str, str] | None = None) -> Asked:
+def plan_case(case: Case = CASE, *, verify: bool = False, program: Mapping[str, str] | None = None) -> CasePlan:
     """Return a question for all of a case, with today's in-cell program unless `program` names another for a check."""
     names = (*case.checks, *wire.followers_of(case.checks), "single.repeat")
-    known = {**dict.fromkeys(names, PROGRAM), **(program or {})}
-    return Asked(case=case, wanted=wanted_of(case.checks, CASE_PHASES[-1]), program=known, verify=verify)
+    program_digests = {**dict.fromkeys(names, PROGRAM), **(program or {})}
+    return CasePlan(case=case, wanted=wanted_of(case.checks, CASE_PHASES[-1]), program=program_digests, verify=verify)

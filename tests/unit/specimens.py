@@ -47,7 +47,7 @@ def combination(python: str, gymnasium: str, mujoco: str, expect: Expectation | 
     )
 
 
-def measured(of: Cell, ant: CaseRecord, **more: Any) -> CellRecord:
+def quick_record(of: Cell, ant: CaseRecord, **more: Any) -> CellRecord:
     """Return a record of a cell of `quick`, with CartPole working and Ant as given."""
     cartpole = replace(case("pppp", "cartpole"), env="CartPole-v1")
     installed = {"gymnasium": of.axes["gymnasium"], "mujoco": of.axes["mujoco"], "numpy": "2.2.6"}
@@ -85,11 +85,13 @@ def quick() -> tuple[Plan, tuple[CellRecord, ...]]:
         combination("3.11", "0.29.1", "1.50"),
     )
     records = (
-        measured(cells[0], case("pppp", single=complained), repairs=(REPAIR,)),
-        measured(cells[1], field_gone),
-        measured(cells[2], field_gone),
-        measured(cells[3], case("ppfp", vector=phase(Phase.VECTOR, Outcome.FAILED, XML, masked_by=RESET))),
-        measured(cells[4], case("pppu", single=complained, render=phase(Phase.RENDER, Outcome.UNAVAILABLE, "no EGL"))),
+        quick_record(cells[0], case("pppp", single=complained), repairs=(REPAIR,)),
+        quick_record(cells[1], field_gone),
+        quick_record(cells[2], field_gone),
+        quick_record(cells[3], case("ppfp", vector=phase(Phase.VECTOR, Outcome.FAILED, XML, masked_by=RESET))),
+        quick_record(
+            cells[4], case("pppu", single=complained, render=phase(Phase.RENDER, Outcome.UNAVAILABLE, "no EGL"))
+        ),
         CellRecord(cell=cells[5], machine=HERE, unavailable="no Python 3.13 here", measured="2026-11-21T12:00:00Z"),
         CellRecord(
             cell=cells[7],
@@ -114,7 +116,7 @@ def quick_document() -> Document:
     return document.build(records, [plan], MACHINES, GENERATED)
 
 
-def agrees(name: str, text: str, folder: Path) -> None:
+def check_golden(name: str, text: str, folder: Path) -> None:
     """Compare with the golden file of this name; what to type to accept the change is part of the failure."""
     golden = Path(__file__).parent / "golden" / name
     actual = folder / name

@@ -51,7 +51,7 @@ def results(cells: Sequence[Cell], red: Sequence[str], line: str = LINE) -> dict
 
 def accepted(
     text: str, red: Sequence[str], wish: expectation_writer.Wish = WISH, line: str = LINE
-) -> expectation_writer.Accepted:
+) -> expectation_writer.Rewrite:
     """Accept the red cells; whichever they are, they are as expected then, and the others as before."""
     matrix, before = planned(text)
     entries = results(before.cells, red, line)

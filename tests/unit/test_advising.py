@@ -7,14 +7,14 @@ from typing import Any
 import pytest
 
 from harness.devices import egl_advice
-from harness.devices.egl_advice import CROSSED, LIBRARIES, Here
+from harness.devices.egl_advice import CROSSED, LIBRARIES, DrawingSupport
 from harness.devices.egl_rules import Device
 from harness.devices.gl_inventory import Ways
 from harness.rootcause.doctor import doctor_rendering
 
-ONE = Here(devices=(Device(),), osmesa=True, display=False)
+ONE = DrawingSupport(devices=(Device(),), osmesa=True, display=False)
 OSMESA = {"MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": "osmesa"}
-NOTHING = Here(devices=(), osmesa=False, display=False)
+NOTHING = DrawingSupport(devices=(), osmesa=False, display=False)
 NAMES = [who.name for who in LIBRARIES]
 RANGE = "RuntimeError: The MUJOCO_EGL_DEVICE_ID environment variable must be an integer between 0 and 0 (inclusive)"
 NO_BACKEND = "RuntimeError: No OpenGL rendering backend is available."
@@ -23,7 +23,7 @@ MUST_BE = "RuntimeError: Environment variable MUJOCO_GL must be one of"
 NO_WINDOW = "FatalError: an OpenGL platform library has not been loaded into this process"
 
 
-def told(variables: dict[str, str], here: Here) -> list[Any]:
+def told(variables: dict[str, str], here: DrawingSupport) -> list[Any]:
     """Return the device, the way of drawing or the error of each library, in order."""
     results = egl_advice.outcomes(variables, here)
     return [(one.error or (one.way if one.device is None else one.device)) for one in results]
@@ -35,10 +35,10 @@ def test_a_device_that_cuda_has_and_egl_has_not() -> None:
 
     assert told(variables, ONE) == [f"{RANGE}, got 3.", 0, 0, 0, 0]
     ((error, failing),) = egl_advice.troubles(variables, ONE).items()
-    assert egl_advice.told(error, failing, variables) == (
+    assert egl_advice.describe_error(error, failing, variables) == (
         f"robosuite 1.4, 1.5 cannot draw here: {RANGE}, got 3. (the number is that of CUDA_VISIBLE_DEVICES=3)"
     )
-    advice = egl_advice.recommended(variables, ONE)
+    advice = egl_advice.recommend(variables, ONE)
     assert advice is not None
     assert (advice.variables, advice.unset) == (
         {"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "0"},
@@ -50,7 +50,7 @@ def test_a_device_that_cuda_has_and_egl_has_not() -> None:
 def test_no_way_of_drawing_chosen_and_no_display() -> None:
     """robosuite takes EGL by itself; all others open a window, which is foretold to fail."""
     assert [str(one)[: len(NO_WINDOW)] for one in told({}, ONE)] == ["0", *[NO_WINDOW] * 4]
-    assert told({}, Here(devices=(), osmesa=False, display=True))[1:] == ["glfw"] * 4
+    assert told({}, DrawingSupport(devices=(), osmesa=False, display=True))[1:] == ["glfw"] * 4
 
 
 @pytest.mark.parametrize(
@@ -82,18 +82,18 @@ def test_libraries_that_draw_apart() -> None:
     variables = {"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "0"}
 
     assert told(variables, CROSSED) == [0, 0, 1, 1, 0]
-    assert egl_advice.apart(variables, CROSSED) == (
+    assert egl_advice.describe_disagreement(variables, CROSSED) == (
         "the libraries draw on different EGL devices here: device 0: robosuite 1.4, 1.5, MuJoCo before 4, dm_control;"
         " device 1: MuJoCo 4, gymnasium (MuJoCo 4)"
     )
-    assert egl_advice.apart(variables, ONE) is None
+    assert egl_advice.describe_disagreement(variables, ONE) is None
 
 
 def test_a_device_that_was_given_is_the_one_recommended() -> None:
     """Of two GPUs the one that CUDA_VISIBLE_DEVICES names; what is not set need not be unset."""
-    here = Here(devices=(Device(cuda=0), Device(cuda=1)), osmesa=True, display=True)
+    here = DrawingSupport(devices=(Device(cuda=0), Device(cuda=1)), osmesa=True, display=True)
 
-    advice = egl_advice.recommended({"CUDA_VISIBLE_DEVICES": "1"}, here)
+    advice = egl_advice.recommend({"CUDA_VISIBLE_DEVICES": "1"}, here)
 
     assert advice == egl_advice.Advice(
         variables={"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "1"},
@@ -104,9 +104,9 @@ def test_a_device_that_was_given_is_the_one_recommended() -> None:
 
 def test_where_no_number_suits_all() -> None:
     """A GPU for most comes before the CPU for all; who cannot draw is said."""
-    here = Here(devices=(Device(works=False), Device(cuda=0), Device(cuda=1)), osmesa=True, display=False)
+    here = DrawingSupport(devices=(Device(works=False), Device(cuda=0), Device(cuda=1)), osmesa=True, display=False)
 
-    advice = egl_advice.recommended({"CUDA_VISIBLE_DEVICES": "1"}, here)
+    advice = egl_advice.recommend({"CUDA_VISIBLE_DEVICES": "1"}, here)
 
     assert advice is not None
     assert (advice.variables["MUJOCO_EGL_DEVICE_ID"], advice.unset) == ("2", ("CUDA_VISIBLE_DEVICES",))
@@ -116,13 +116,13 @@ def test_where_no_number_suits_all() -> None:
 @pytest.mark.parametrize(
     ("here", "variables"),
     [
-        (Here(devices=(Device(works=False),), osmesa=True, display=True), OSMESA),
+        (DrawingSupport(devices=(Device(works=False),), osmesa=True, display=True), OSMESA),
         (NOTHING, None),
     ],
 )  # fmt: skip
-def test_without_a_device_of_egl(here: Here, variables: dict[str, str] | None) -> None:
+def test_without_a_device_of_egl(here: DrawingSupport, variables: dict[str, str] | None) -> None:
     """OSMesa comes next; where nothing draws nothing is recommended."""
-    advice = egl_advice.recommended({}, here)
+    advice = egl_advice.recommend({}, here)
 
     assert (advice and advice.variables) == variables
 
@@ -131,7 +131,7 @@ def test_the_document() -> None:
     """Every value that could be set stands there, one out of range too."""
     ways = Ways(devices=({"software": "yes"},), egl_missing=None, osmesa={}, display={"missing": "none"})
 
-    made = doctor_rendering.look(ways, {"MUJOCO_GL": "egl", "CUDA_VISIBLE_DEVICES": "3"})
+    made = doctor_rendering.assess_rendering(ways, {"MUJOCO_GL": "egl", "CUDA_VISIBLE_DEVICES": "3"})
 
     assert "robosuite 1.4, 1.5 cannot draw here" in made.findings[0].text
     assert [one.setting for one in made.rendering.possible] == [

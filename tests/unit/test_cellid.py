@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
-from builders import asking
+from builders import cell_requiring
 from packaging.requirements import Requirement
 
 from harness.machine.store import Store
@@ -38,7 +38,9 @@ CELL = Named("demo/py3.11_gymnasium-1.2.3_gym-absent_mujoco-3.3.7_robosuite1.3-m
 
 def asked(*requirements: str, **more: Any) -> str:
     """Return the id of an ad-hoc cell."""
-    return plan.single(plan.Asked(requirements=requirements, python=more.pop("python", "3.11"), **more)).cells[0].id
+    return (
+        plan.single(plan.TrialOptions(requirements=requirements, python=more.pop("python", "3.11"), **more)).cells[0].id
+    )
 
 
 # --- questions -------------------------------------------------------------------------------------------------
@@ -170,10 +172,10 @@ def test_a_changed_cell_says_which_change_and_which_python() -> None:
     """A cell that runs on another Python than its base names it; a long base stays distinct."""
     long = [f"demo/py3.11_{'x' * 138}{end}" for end in "ab"]
 
-    assert cellid.changed("demo/py3.12_a", "repair") == "demo/py3.12_a_with-repair"
-    assert cellid.changed("demo/py3.12_a", "repair", "3.9") == "demo/py3.12_a_with-repair-on-py3.9"
-    assert cellid.changed("demo/py3.12_a", "py3.9", "3.9") == "demo/py3.12_a_with-py3.9"
-    changed = [cellid.changed(each, "repair") for each in long]
+    assert cellid.build_changed("demo/py3.12_a", "repair") == "demo/py3.12_a_with-repair"
+    assert cellid.build_changed("demo/py3.12_a", "repair", "3.9") == "demo/py3.12_a_with-repair-on-py3.9"
+    assert cellid.build_changed("demo/py3.12_a", "py3.9", "3.9") == "demo/py3.12_a_with-py3.9"
+    changed = [cellid.build_changed(each, "repair") for each in long]
     assert len({*changed}) == 2
     assert all(len(cellid.label(each)) == cellid.LONGEST for each in changed)
 
@@ -203,15 +205,15 @@ def test_no_committed_name_lies_about_its_python(file: Path) -> None:
 )
 def test_either_form_finds_a_cell(text: str) -> None:
     """Ids, labels and globs of earlier versions stay good."""
-    assert cellid.named(text, CELL) is ("*" not in text)
-    assert cellid.chosen(text, [CELL]) == [CELL]
+    assert cellid.has_name(text, CELL) is ("*" not in text)
+    assert cellid.select(text, [CELL]) == [CELL]
     assert cellid.fits(text, CELL)
 
 
 @pytest.mark.parametrize("text", ["demo/py3.1-*", "*-mujoco3.4*", "*-3.3.7", "py3.11-gymnasium-*", "mujoco"])
 def test_what_fits_neither_form_finds_nothing(text: str) -> None:
     """Forms are not mixed: a glob holds for an id as a whole."""
-    assert cellid.chosen(text, [CELL]) == []
+    assert cellid.select(text, [CELL]) == []
 
 
 def test_an_older_id_is_read() -> None:
@@ -219,11 +221,11 @@ def test_an_older_id_is_read() -> None:
     older = "demo/py3.11-gymnasium1.2.3-gym-absent-mujoco3.3.7-robosuite1.3-mujoco_py"
     axes = dict(sorted(AXES.items()))
 
-    assert cellid.older(CELL) == older
-    assert cellid.newer(older, axes) == cellid.newer(CELL.id, axes) == CELL.id
-    assert cellid.newer(f"{older}-with-repair", axes, "3.9") == f"{CELL.id}_with-repair-on-py3.9"
-    assert cellid.newer(f"{CELL.id}_with-repair-on-py3.9", axes, "3.9") == f"{CELL.id}_with-repair-on-py3.9"
-    assert cellid.older(Named(f"{CELL.id}_with-repair-on-py3.9", AXES)) == f"{older}-with-repair"
+    assert cellid.to_old_form(CELL) == older
+    assert cellid.to_current_form(older, axes) == cellid.to_current_form(CELL.id, axes) == CELL.id
+    assert cellid.to_current_form(f"{older}-with-repair", axes, "3.9") == f"{CELL.id}_with-repair-on-py3.9"
+    assert cellid.to_current_form(f"{CELL.id}_with-repair-on-py3.9", axes, "3.9") == f"{CELL.id}_with-repair-on-py3.9"
+    assert cellid.to_old_form(Named(f"{CELL.id}_with-repair-on-py3.9", AXES)) == f"{older}-with-repair"
 
 
 @pytest.mark.parametrize("file", sorted(REPORTS.glob("*/report.json")), ids=lambda file: file.parent.name)
@@ -235,7 +237,7 @@ def test_every_committed_id_has_one_form(file: Path) -> None:
 
     assert [cell["id"] for cell in plain["cells"]] == [cell.id for cell in whole.cells]
     assert all(LABEL.fullmatch(cellid.label(cell.id)) for cell in whole.cells)
-    before = {cell.id: cellid.older(cell) for cell in whole.cells}
+    before = {cell.id: cellid.to_old_form(cell) for cell in whole.cells}
     for cell in plain["cells"]:
         cell["id"] = before[cell["id"]]
         cell["base"] = before.get(cell.get("base") or "", cell.get("base"))
@@ -246,14 +248,14 @@ def test_every_committed_id_has_one_form(file: Path) -> None:
 
 def stored(cell_id: str, base: str | None = None) -> CellRecord:
     """Return a record as it may lie in a store."""
-    cell = asking(id=cell_id, matrix="demo", axes=AXES, python="3.9" if base else "3.11", base=base)
+    cell = cell_requiring(id=cell_id, matrix="demo", axes=AXES, python="3.9" if base else "3.11", base=base)
     return CellRecord(cell=cell, machine="here", seconds=3.0)
 
 
 def test_a_record_of_an_earlier_version_is_read(tmp_path: Path) -> None:
     """It is known by its id of today, once; what was measured since goes before it."""
     kept = Store(tmp_path)
-    older = cellid.older(CELL)
+    older = cellid.to_old_form(CELL)
     kept.save_cell(stored(older))
     kept.save_cell(stored(f"{older}-with-repair", base=older))
     today = stored(CELL.id).cell
@@ -272,7 +274,7 @@ def test_results_of_an_earlier_version_are_read(tmp_path: Path, monkeypatch: pyt
     whole = json.loads((REPORTS / "quickstart/report.json").read_bytes())
     ids = {cell["id"] for cell in whole["cells"]}
     for cell in whole["cells"]:
-        cell["id"] = cellid.older(Named(cell["id"], cell["axes"]))
+        cell["id"] = cellid.to_old_form(Named(cell["id"], cell["axes"]))
     (tmp_path / "report.json").write_text(json.dumps(whole))
     monkeypatch.setattr(result_index, "report_files", list)
     monkeypatch.setenv("HARNESS_RESULTS", str(tmp_path))

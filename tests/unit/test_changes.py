@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 import specimens
-from builders import case, cell, document_of, knowing, phase, record, signature, step
+from builders import case, cell, document_of, make_knowledge, phase, record, signature, step
 from specimens import RESET, SOLVER, XML
 
 from harness.matrix import changes, matrix_file, matrix_remedies, plan
@@ -33,7 +33,7 @@ OLD = CHANGE + 'cells = "py3.11_mujoco-3.3.7_egl"\nrequirements = ["mujoco<3"]\n
 
 def planned(text: str, known: tuple[Signature, ...] = ()) -> Plan:
     """Return the plan of a matrix called demo."""
-    read = matrix_remedies.filled(matrix_file.read(MATRIX + text, "demo.toml"), known)
+    read = matrix_remedies.fill(matrix_file.read(MATRIX + text, "demo.toml"), known)
     return plan.make_plan(plan.Sources(matrix=read, host_python="3.12.1"))
 
 
@@ -196,7 +196,7 @@ QUESTION = Question(
 
 def asked(**change: Any) -> Question:
     """Return the question of a cell after a change."""
-    return changes.applied(cell(question=QUESTION), Change(**change), {}).question
+    return changes.apply(cell(question=QUESTION), Change(**change), {}).question
 
 
 def test_a_requirement_replaces_all_that_is_said_of_its_package() -> None:
@@ -233,7 +233,7 @@ def test_the_rest_is_added() -> None:
     assert (made.build_variables, made.only_binary) == ({"A": "1", "B": "2"}, ("mujoco", "numpy"))
     assert made.snapshot == "2024-01-01T00:00:00Z"
     around = cell(environment={"A": "1"}, empty=("B", "C"))
-    told = changes.applied(around, Change(environment={"B": "2"}, python="3.12"), {})
+    told = changes.apply(around, Change(environment={"B": "2"}, python="3.12"), {})
     assert (told.environment, told.empty, told.python) == ({"A": "1", "B": "2"}, ("C",), "3.12")
 
 
@@ -244,12 +244,12 @@ def test_repairs_are_those_that_fit_what_is_asked_for_now() -> None:
     """A repair is in the question where its release may be chosen."""
     known = {"gym": (REPAIR,)}
     old, new = (
-        changes.applied(cell(question=QUESTION), Change(overlay=("gym",), requirements=(line,)), known)
+        changes.apply(cell(question=QUESTION), Change(overlay=("gym",), requirements=(line,)), known)
         for line in ("gym==0.21.0", "gym>=0.26")
     )
     assert (old.question.overlay, new.question.overlay) == ((REPAIR,), ())
-    assert changes.comes_to(cell(question=QUESTION), Change(overlay=("gym",), requirements=("gym==0.21.0",)), old)
-    assert not changes.comes_to(cell(question=QUESTION), Change(requirements=("gym==0.21.0",)), old)
+    assert changes.produces(cell(question=QUESTION), Change(overlay=("gym",), requirements=("gym==0.21.0",)), old)
+    assert not changes.produces(cell(question=QUESTION), Change(requirements=("gym==0.21.0",)), old)
 
 
 @pytest.mark.parametrize(
@@ -266,19 +266,19 @@ def test_repairs_are_those_that_fit_what_is_asked_for_now() -> None:
 def test_a_change_is_a_remedy_if_it_comes_to_the_same(change: Change, is_it: bool) -> None:
     """A change is the remedy if it asks for the same, in any order, and nothing besides."""
     base = cell(question=QUESTION)
-    other = changes.applied(base, Change(requirements=("numpy<2", "mujoco<3")), {})
-    assert changes.comes_to(base, change, replace(other, id="quick/x", base=base.id)) is is_it
+    other = changes.apply(base, Change(requirements=("numpy<2", "mujoco<3")), {})
+    assert changes.produces(base, change, replace(other, id="quick/x", base=base.id)) is is_it
 
 
 def test_what_does_nothing_is_no_remedy() -> None:
     """A remedy that a cell already has proves nothing."""
     base = cell(python="3.11")
-    assert not changes.comes_to(base, Change(python="3.11"), base)
+    assert not changes.produces(base, Change(python="3.11"), base)
 
 
 def test_a_change_in_words() -> None:
     """Each part of a change has its words; a remedy adds advice that no machine can follow."""
-    told = changes.described(
+    told = changes.describe(
         Change(
             requirements=("a<2", "b"),
             overrides=("c<3",),
@@ -308,7 +308,7 @@ SOLVED = case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, SOLVER))
 
 def tried(name: str, change: Change) -> Cell:
     """Return the base cell with a change applied."""
-    made = changes.applied(BASE, change, {})
+    made = changes.apply(BASE, change, {})
     return replace(made, id=f"{BASE.id}_with-{name}", base=BASE.id, tried=Tried(name=name, reason="why", change=change))
 
 
@@ -318,7 +318,7 @@ OTHER = tried("other", Change(requirements=("mujoco<2",)))
 
 def made(*records: CellRecord) -> Document:
     """Return a document of these cells, judged with the failures known above."""
-    return document_of(*records, known=knowing(*KNOWN), axes=tuple(records[0].cell.axes))
+    return document_of(*records, knowledge=make_knowledge(*KNOWN), axes=tuple(records[0].cell.axes))
 
 
 def proofs(whole: Document) -> list[tuple[str, bool, str | None]]:

@@ -55,7 +55,7 @@ def test_report_is_judged_from_its_evidence(folder: Path, tmp_path: Path) -> Non
     for name in ("frames", "locks"):
         if (folder / name).is_dir():
             shutil.copytree(folder / name, copy / name)
-    again = judge_again.judged(copy, index, Store(tmp_path / "state"))
+    again = judge_again.judge(copy, index, Store(tmp_path / "state"))
 
     assert document.encode(again.document) == (folder / "report.json").read_bytes()
     evidence = {path.relative_to(folder): path.read_bytes() for path in folder.glob("evidence/*/*")}

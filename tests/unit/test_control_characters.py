@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import pytest
 
 from harness.standalone import output
-from harness.standalone.control_characters import escaped_in_json, visible
+from harness.standalone.control_characters import escape_json, strip_controls
 
 
 @pytest.mark.parametrize(
@@ -41,14 +41,14 @@ from harness.standalone.control_characters import escaped_in_json, visible
 )
 def test_sequences_and_characters_are_removed(text: str, left: str) -> None:
     """Every kind of sequence goes, whole or cut off; text of any script stays."""
-    assert visible(text) == left
-    assert visible(left) == left
+    assert strip_controls(text) == left
+    assert strip_controls(left) == left
 
 
 def test_json_stays_the_same_document() -> None:
     """Control characters are escaped in JSON, so that a program reads the original text."""
     plain = {"a": "x\x9b31m\u202e\x7f\U000e0041"}
-    text = escaped_in_json(json.dumps(plain, ensure_ascii=False))
+    text = escape_json(json.dumps(plain, ensure_ascii=False))
     assert text.isascii()
     assert json.loads(text) == plain
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from builders import CHECKS, LETTERS, case, cell, checked, phase, record, step, warning
+from builders import CHECKS, LETTERS, case, cell, phase, phase_of_checks, record, step, warning
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
@@ -132,19 +132,19 @@ class TestChecks:
     @pytest.mark.parametrize(
         ("phase", "outcome", "line"),
         [
-            (checked(vector_sync=Outcome.FAILED), Outcome.FAILED, "own line of vector.sync"),
+            (phase_of_checks(vector_sync=Outcome.FAILED), Outcome.FAILED, "own line of vector.sync"),
             (
-                checked(vector_async_fork=Outcome.CRASHED, vector_sync=Outcome.FAILED),
+                phase_of_checks(vector_async_fork=Outcome.CRASHED, vector_sync=Outcome.FAILED),
                 Outcome.FAILED,
                 "own line of vector.sync",
             ),
             (
-                checked(vector_async_fork=Outcome.CRASHED, vector_sync=Outcome.PASSED),
+                phase_of_checks(vector_async_fork=Outcome.CRASHED, vector_sync=Outcome.PASSED),
                 Outcome.INFRA,
                 "control good fails, too, in vector.async.fork: no fork (here: own line of vector.async.fork)",
             ),
             (
-                checked(vector_async_spawn=Outcome.FAILED),
+                phase_of_checks(vector_async_spawn=Outcome.FAILED),
                 Outcome.INFRA,
                 "control good fails, too, in vector.async.fork: no fork (here: own line of vector.async.spawn)",
             ),
@@ -185,13 +185,13 @@ class TestSaid:
     def test_unresolvable(self) -> None:
         """A lock that cannot be had is no fault of the adapter."""
         failed = record(resolve=step(Phase.RESOLVE, Outcome.FAILED, "no versions"), install=None, of=self.cell())
-        assert controls.said(failed, None).untold == "the control known could not be run: resolve failed: no versions"
+        assert controls.judge(failed, None).untold == "the control known could not be run: resolve failed: no versions"
 
     def cell(self):
         return cell("known", id="controls/known", matrix="controls")
 
     def said(self, letters: str) -> ControlRecord:
-        return controls.said(record(case(letters), of=self.cell()), "")
+        return controls.judge(record(case(letters), of=self.cell()), "")
 
 
 class TestFolder:
@@ -238,22 +238,22 @@ class TestFolder:
     @pytest.mark.usefixtures("place")
     def test_the_first_that_covers_speaks(self, installed: dict[str, str], found: str) -> None:
         """The installed version selects the control; a control that names no version covers all the rest."""
-        made = controls.covering("gymnasium", installed)
+        made = controls.find_control("gymnasium", installed)
         assert not isinstance(made, str)
         assert made.id == found
 
     @pytest.mark.usefixtures("place")
     def test_nobody_speaks(self) -> None:
         """An adapter without a control has a sentence that says so."""
-        assert controls.covering("gym", {}) == "the adapter gym has no control for these versions"
+        assert controls.find_control("gym", {}) == "the adapter gym has no control for these versions"
 
     @pytest.mark.usefixtures("place")
     def test_only_failures_after_the_install_ask(self) -> None:
         """A cell that works, a cell that was not installed, and a control itself need no control."""
-        assert [one.id for one in controls.wanted(record(case("ppfp"))).values()] == ["controls/new"]
-        assert controls.wanted(record(case("pppu"))) == {}
-        assert controls.wanted(record(case("pfnn"), installed=None)) == {}
-        assert controls.wanted(record(case("pfnn"), of=cell(matrix=controls.MATRIX))) == {}
+        assert [one.id for one in controls.find_controls(record(case("ppfp"))).values()] == ["controls/new"]
+        assert controls.find_controls(record(case("pppu"))) == {}
+        assert controls.find_controls(record(case("pfnn"), installed=None)) == {}
+        assert controls.find_controls(record(case("pfnn"), of=cell(matrix=controls.MATRIX))) == {}
 
     @pytest.mark.usefixtures("place")
     def test_the_cell_of_a_control(self) -> None:
@@ -275,7 +275,7 @@ class TestFolder:
         """A missing folder is bad input; the message names the variable that set it."""
         monkeypatch.setenv(controls.VARIABLE, str(tmp_path / "no"))
         with pytest.raises(BadInput) as told:
-            controls.wanted(record(case("pfnn")))
+            controls.find_controls(record(case("pfnn")))
         assert str(told.value) == (
             f"{tmp_path}/no/controls.toml: cannot be read: No such file or directory; "
             "HARNESS_CONTROLS names the folder of the controls"
@@ -284,7 +284,7 @@ class TestFolder:
     def test_none_at_all(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Set to the empty string the variable leaves none."""
         monkeypatch.setenv(controls.VARIABLE, "")
-        assert (controls.folder(), controls.cells(), controls.wanted(record(case("pfnn")))) == (None, (), {})
+        assert (controls.folder(), controls.cells(), controls.find_controls(record(case("pfnn")))) == (None, (), {})
 
 
 class TestCommitted:
@@ -307,7 +307,7 @@ class TestCommitted:
         if api in without:
             monkeypatch.setenv(controls.VARIABLE, str(COMMITTED))
             told = f"the adapter {api} has no control: {without[api]}"
-            assert controls.covering(api, {}) == told
+            assert controls.find_control(api, {}) == told
             return
         assert [one is None for one in covers] == [False] * (len(covers) - 1) + [True]
 
@@ -318,7 +318,7 @@ class TestCommitted:
     @pytest.mark.parametrize("table", TABLES, ids=lambda table: table.id)
     def test_locks_hold_what_is_asked_for(self, table: controls.ControlTable) -> None:
         """Each requirement is met by what the lock pins, and every pin has a hash."""
-        pinned = locks.pinned((COMMITTED / f"{table.id}.txt").read_text())
+        pinned = locks.read_pins((COMMITTED / f"{table.id}.txt").read_text())
         for line in table.requirements:
             wanted = Requirement(line)
             assert wanted.specifier.contains(pinned[canonicalize_name(wanted.name)][0], prereleases=True)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from builders import case, cell, entry, knowing, phase, record, signature
+from builders import case, cell, entry, make_knowledge, phase, record, signature
 
 from harness.judging.assess import assess
 from harness.model import Expectation, Outcome, Phase, Verdict
 from harness.reports.tables import counted_failures
-from harness.standalone.counting import Fit, counting, nameable, says
+from harness.standalone.counting import Fit, is_stated, nameable, select_counting
 
 DEEP = Fit("deep", masks=False, generic=False, seen="no such field", says=True)
 BROAD = Fit("broad", masks=False, generic=True, seen="no such field", says=True)
@@ -33,13 +33,13 @@ LOGGED = MASK._replace(known="logged", says=False)
 )
 def test_what_counts(fits: list[Fit], counted: tuple[str, ...], named: tuple[str, ...]) -> None:
     """Causes before masks, of a line the specific one; an expectation may name the general one of that line, too."""
-    assert (counting(fits), nameable(fits)) == (counted, named)
+    assert (select_counting(fits), nameable(fits)) == (counted, named)
 
 
 def test_a_line_says_why_where_it_has_what_was_seen() -> None:
     """A known failure is seen by a part of a line."""
-    assert says("is gone", ["x", "a worker is gone"])
-    assert not says("is gone", ["x"])
+    assert is_stated("is gone", ["x", "a worker is gone"])
+    assert not is_stated("is gone", ["x"])
 
 
 @pytest.mark.parametrize("named", ["deep", "broad", "mask"])
@@ -47,7 +47,7 @@ def test_a_cell_and_its_entry_count_alike(named: str) -> None:
     """A record and its document have the same causes and meet the same expectations."""
     expect = Expectation(verdict=Verdict.PARTIAL, reason="known", signature=named)
     vector = phase(Phase.VECTOR, Outcome.FAILED, "no such field", masked_by="a worker is gone")
-    known = knowing(
+    known = make_knowledge(
         signature("deep", "such field"),
         signature("broad", "no such field", generic=True, packages=["numpy"]),
         signature("mask", "a worker is gone", masks=True),

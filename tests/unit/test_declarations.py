@@ -64,7 +64,7 @@ def test_a_file_that_is_no_python_declares_nothing() -> None:
 
 def test_a_file_that_runs_alone_carries_them() -> None:
     """They come back from JSON as they were."""
-    assert adapters.read(adapters.carried()) == DECLARED
+    assert adapters.read(adapters.encode_declarations()) == DECLARED
 
 
 def test_packages_are_known_where_names_count() -> None:
@@ -81,8 +81,8 @@ def test_packages_are_known_where_names_count() -> None:
 
 def test_ids_speak_for_their_package() -> None:
     """An id without an API means the one whose package is asked for and whose ids look so."""
-    assert speaking.meant("cartpole/balance", ["dm-control>=1"]) == "dm_control"
-    assert speaking.meant("cartpole", ["dm-control>=1"]) is None
+    assert speaking.guess_api("cartpole/balance", ["dm-control>=1"]) == "dm_control"
+    assert speaking.guess_api("cartpole", ["dm-control>=1"]) is None
     assert [api for api in APIS if speaking.brings_models(api)] == ["pybullet"]
 
 

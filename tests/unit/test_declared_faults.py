@@ -11,14 +11,14 @@ from benchmarks.faults import _table
 
 def test_rows_and_names_are_unique() -> None:
     """No two faults share a row of the table or a name."""
-    declared = faults.declared()
+    declared = faults.load_faults()
     for names in ([fault.row for fault in declared], [f"{fault.module}.{fault.name}" for fault in declared]):
         assert [name for name, count in Counter(names).items() if count > 1] == []
 
 
 def test_every_fault_says_what_is_done_and_what_is_promised() -> None:
     """Deed, promise and deadline are there, short enough for a table and a patient reader."""
-    for fault in faults.declared():
+    for fault in faults.load_faults():
         assert fault.done.strip()
         assert fault.promise.strip()
         assert 0 < fault.limit <= 600, fault.name
@@ -32,7 +32,7 @@ def test_the_committed_table_lists_every_declared_fault_and_none_more() -> None:
     listed = {row["fault"]: tuple(row[text] for text in texts) for row in document["faults"]}
 
     assert listed == {
-        f"{fault.module}.{fault.name}": tuple(getattr(fault, text) for text in texts) for fault in faults.declared()
+        f"{fault.module}.{fault.name}": tuple(getattr(fault, text) for text in texts) for fault in faults.load_faults()
     }
     assert (_table.REPORT / "report.md").read_text(encoding="utf-8") == _table.rendered(document)
 

@@ -124,7 +124,7 @@ def test_what_was_packed_comes_out_equal() -> None:
 
     assert content == digest.packed(json.loads(json.dumps(made)))
     assert digest.unpacked(content) == made
-    assert digest.combined([digest.again(made)]) == made
+    assert digest.combined([digest.to_layer(made)]) == made
 
 
 def test_a_mask_is_a_cause_only_where_it_is_what_the_cell_says() -> None:

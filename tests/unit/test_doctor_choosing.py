@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.standalone.doctor.choosing import NoEnvironment, chosen
+from harness.standalone.doctor.choosing import NoEnvironment, choose_environment
 
 
 def environment(folder: Path) -> Path:
@@ -29,13 +29,13 @@ def test_the_order(tmp_path: Path) -> None:
     told = []
     for gone in (None, "VIRTUAL_ENV", "CONDA_PREFIX"):
         variables.pop(gone or "", None)
-        told.append(chosen(None, variables, str(tmp_path)))
-    there = chosen(None, variables, str(tmp_path / "asked"))
+        told.append(choose_environment(None, variables, str(tmp_path)))
+    there = choose_environment(None, variables, str(tmp_path / "asked"))
 
     assert [Path(one.python).parts[-3] for one in told] == ["venv", "conda", ".venv"]
     assert [one.why for one in told] == ["named by $VIRTUAL_ENV", "named by $CONDA_PREFIX", "named by ./.venv"]
     assert (Path(there.python).parts[-3], there.why) == ("path", "`python` on PATH; no environment is active")
-    assert chosen("asked", variables, str(tmp_path)).python == str(places["asked"] / "bin" / "python")
+    assert choose_environment("asked", variables, str(tmp_path)).python == str(places["asked"] / "bin" / "python")
     assert told[0].remarks == [f"`python` starts another one here: {places['path']}/bin/python"]
 
 
@@ -43,7 +43,7 @@ def test_an_environment_that_is_gone(tmp_path: Path) -> None:
     """It is passed over, and that is said."""
     environment(tmp_path / ".venv")
 
-    found = chosen(None, {"VIRTUAL_ENV": "/gone", "PATH": "/none"}, str(tmp_path))
+    found = choose_environment(None, {"VIRTUAL_ENV": "/gone", "PATH": "/none"}, str(tmp_path))
 
     assert (found.why, found.remarks) == ("named by ./.venv", ["$VIRTUAL_ENV is passed over: no Python lies in /gone"])
 
@@ -58,7 +58,7 @@ def test_nothing_to_look_at(tmp_path: Path) -> None:
 
     def refused(text: str | None) -> str:
         with pytest.raises(NoEnvironment) as refusal:
-            chosen(text, {"PATH": "/none"}, str(tmp_path))
+            choose_environment(text, {"PATH": "/none"}, str(tmp_path))
         return str(refusal.value).replace(str(tmp_path), "")
 
     hint = "name an interpreter or the folder of an environment with --python PATH"
@@ -78,7 +78,7 @@ def test_the_environment_that_runs_the_file(tmp_path: Path) -> None:
     active, other = environment(tmp_path / "active"), environment(tmp_path / "other")
     variables = {"VIRTUAL_ENV": str(active), "PATH": "/none"}
 
-    found = chosen(None, variables, str(tmp_path), "/env/bin/python")
+    found = choose_environment(None, variables, str(tmp_path), "/env/bin/python")
 
     assert (found.python, found.why) == ("/env/bin/python", "it runs this file")
-    assert chosen(str(other), variables, str(tmp_path), "/env/bin/python").why == "named by --python"
+    assert choose_environment(str(other), variables, str(tmp_path), "/env/bin/python").why == "named by --python"

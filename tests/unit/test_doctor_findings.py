@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from builders import known
+from builders import standalone_signature
 from facts import SITE, distribution, facts, installed
 
 from harness.standalone.doctor import declared, reading
 from harness.standalone.doctor.differences import Difference
-from harness.standalone.doctor.probing import Here
-from harness.standalone.matching import Evidence, Known, read
-from harness.standalone.running import Ran
+from harness.standalone.doctor.probing import Viewpoint
+from harness.standalone.matching import Evidence, Signature, read
+from harness.standalone.running import ProcessResult
 
 
 def texts(findings: list[declared.Finding]) -> list[str]:
@@ -20,13 +20,13 @@ def texts(findings: list[declared.Finding]) -> list[str]:
     return [f"{one.level}: {one.text}" for one in findings]
 
 
-def here(**variables: str) -> Here:
+def here(**variables: str) -> Viewpoint:
     """Return a caller with these variables, which starts no process."""
 
-    def run(*_: Any) -> Ran:
+    def run(*_: Any) -> ProcessResult:
         raise AssertionError
 
-    return Here(run, "/env/bin/python", variables, "/here", "/scratch")
+    return Viewpoint(run, "/env/bin/python", variables, "/here", "/scratch")
 
 
 def test_a_version_that_is_not_asked_for() -> None:
@@ -69,7 +69,7 @@ def test_pythons() -> None:
     """A package that excludes this Python gives a warning."""
     made = facts(distribution("gym", "0.21.0", requires_python="<3.11"))
 
-    assert texts(declared.pythons(made)) == ["warning: gym 0.21.0 requires Python <3.11, this is 3.11.7"]
+    assert texts(declared.check_pythons(made)) == ["warning: gym 0.21.0 requires Python <3.11, this is 3.11.7"]
 
 
 def test_broken_metadata() -> None:
@@ -120,7 +120,7 @@ def test_gym_beside_gymnasium(more: tuple[dict[str, Any], ...], level: str, word
         *more,
     )
 
-    (found,) = declared.mixed(made)
+    (found,) = declared.check_gym_mix(made)
 
     assert (found.level, word in found.text) == (level, True)
 
@@ -155,7 +155,7 @@ def test_hidden_modules() -> None:
         ],
     )  # fmt: skip
 
-    found = texts(reading.hidden(here(PYTHONPATH="/more"), made))
+    found = texts(reading.find_shadowing(here(PYTHONPATH="/more"), made))
 
     assert [text.partition(":")[2].partition(" hides")[0] for text in found] == [
         " the working folder",
@@ -193,7 +193,7 @@ def test_imports_that_fail() -> None:
     }
     apart = [Difference("import", "mujoco", "fails: OSError: b", "/x.py", ("LD_LIBRARY_PATH",))]
 
-    assert texts(reading.failed(probes, apart)) == [
+    assert texts(reading.report_failed_imports(probes, apart)) == [
         "warning: `import gym` fails: ImportError: a",
         "warning: `import torch` fails once others are imported, and works alone: OSError: c",
     ]
@@ -203,7 +203,7 @@ def test_differences_in_sentences() -> None:
     """The variable with its value, and both outcomes; one that changes nothing is noted."""
     apart = [Difference("import", "mujoco", "fails: RuntimeError: no", "/x.py", ("MUJOCO_GL",))]
 
-    found = reading.different(here(MUJOCO_GL="off!", LD_LIBRARY_PATH="/x"), facts(), apart)
+    found = reading.report_differences(here(MUJOCO_GL="off!", LD_LIBRARY_PATH="/x"), facts(), apart)
 
     assert texts(found) == [
         "warning: with MUJOCO_GL=off! `import mujoco` fails: RuntimeError: no; without, it works",
@@ -214,10 +214,10 @@ def test_differences_in_sentences() -> None:
 # --- known failures --------------------------------------------------------------------------------------------
 
 
-def bool8(name: str, **more: Any) -> Known:
+def bool8(name: str, **more: Any) -> Signature:
     """Return the known failure of gym below 1 with numpy 2 or later."""
     usual = {"cause": "so it is", "packages": ["gym<1", "numpy>=2"], "remedy": {"requirements": ["numpy<2"]}}
-    return known(name, "bool8", **{**usual, **more})
+    return standalone_signature(name, "bool8", **{**usual, **more})
 
 
 def test_known_failures_of_an_import() -> None:
@@ -252,18 +252,18 @@ def test_known_failures_that_these_versions_have() -> None:
         bool8("mask", masks=True),
     ]
 
-    assert [one.id for one in reading.foreseen(those, installed(gym="0.26.2", numpy="2.2.6"))] == ["narrow"]
-    assert reading.foreseen(those, installed(gym="0.26.2", numpy="1.26.4")) == []
-    assert reading.foreseen(those, installed(gym="0.26.2")) == []
+    assert [one.id for one in reading.predict_failures(those, installed(gym="0.26.2", numpy="2.2.6"))] == ["narrow"]
+    assert reading.predict_failures(those, installed(gym="0.26.2", numpy="1.26.4")) == []
+    assert reading.predict_failures(those, installed(gym="0.26.2")) == []
 
 
 def test_silent_failures() -> None:
     """A silent failure is recognised by the installed packages alone."""
     silent = read({"id": "quiet", "cause": "wrong", "remedy": {}, "packages": ["mujoco==4.0.0"], "silent": True})
 
-    assert [one.id for one in reading.quiet([silent], installed(mujoco="4.0.0"))] == ["quiet"]
-    assert reading.quiet([silent], installed(mujoco="4.0.1")) == []
+    assert [one.id for one in reading.find_silent_issues([silent], installed(mujoco="4.0.0"))] == ["quiet"]
+    assert reading.find_silent_issues([silent], installed(mujoco="4.0.1")) == []
     ants = silent._replace(envs=("Ant-*",))
-    assert [one.id for one in reading.quiet([ants], installed(mujoco="4.0.0"), "Ant-v5")] == ["quiet"]
-    assert [one.id for one in reading.quiet([ants], installed(mujoco="4.0.0"))] == ["quiet"]
-    assert reading.quiet([ants], installed(mujoco="4.0.0"), "CartPole-v1") == []
+    assert [one.id for one in reading.find_silent_issues([ants], installed(mujoco="4.0.0"), "Ant-v5")] == ["quiet"]
+    assert [one.id for one in reading.find_silent_issues([ants], installed(mujoco="4.0.0"))] == ["quiet"]
+    assert reading.find_silent_issues([ants], installed(mujoco="4.0.0"), "CartPole-v1") == []

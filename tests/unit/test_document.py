@@ -217,7 +217,7 @@ def test_moved() -> None:
     made = record(case("ppfp", vector=vector), lock="locks/a.txt")
     whole = document.build([made], [Plan(matrix="quick", cells=(made.cell,))], MACHINES, GENERATED)
 
-    moved = document.moved(whole, lambda path: f"x/{path}")
+    moved = document.relocate(whole, lambda path: f"x/{path}")
 
     entry, tried = moved.cells[0], moved.cells[0].cases[0]
     assert (entry.lock, entry.evidence, tried.frames, tried.evidence) == (
@@ -226,7 +226,7 @@ def test_moved() -> None:
         ("x/f.png",),
         {"vector": "x/v"},
     )
-    assert document.moved(moved, lambda path: path.removeprefix("x/")) == whole
+    assert document.relocate(moved, lambda path: path.removeprefix("x/")) == whole
 
 
 class TestCombined:

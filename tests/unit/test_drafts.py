@@ -11,7 +11,7 @@ from harness.ci import drafts
 from harness.ci.drafts import Case, Draft, Project, Range, SuiteDraft
 from harness.ci.drafts import candidates as trying
 from harness.ci.drafts.candidates import Candidate
-from harness.ci.drafts.values import Offer, narrowed
+from harness.ci.drafts.values import Offer, narrow
 from harness.ci.workflows import read
 from harness.matrix import matrix_file, plan
 from harness.matrix.matrix_types import Expansion
@@ -304,7 +304,7 @@ def test_values_that_cannot_work_are_left_out(
     range_: str, rule: Rule, offers: tuple[Offer, ...], expected: str, note: str | None
 ) -> None:
     """A release without a wheel for the Python of the cells is no value, and the note names it."""
-    found = narrowed(Range(package="sim", range=range_, rule=rule), offers, "3.11")
+    found = narrow(Range(package="sim", range=range_, rule=rule), offers, "3.11")
 
     assert (found.range, found.note) == (expected, note)
 

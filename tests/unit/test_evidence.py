@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from builders import case, cell, entry, knowing, phase, record, step, warning
+from builders import case, cell, entry, make_knowledge, phase, record, step, warning
 from specimens import RESET, XML
 
 from harness.judging.assess import assess
@@ -57,7 +57,7 @@ MASKED = record(case("ppfp", vector=VECTOR))
 
 def known(**logs: dict[str, str]) -> Knowledge:
     """Return the signatures above, with texts kept at `evidence/NAME`."""
-    return knowing(*KNOWN, **logs)
+    return make_knowledge(*KNOWN, **logs)
 
 
 def test_what_a_failure_says() -> None:
@@ -194,10 +194,10 @@ def test_kept_texts_are_read_to_a_bound(tmp_path: Path) -> None:
 def test_where_signatures_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A variable names another folder of signatures, or none if it is empty; a wrong folder is refused."""
     monkeypatch.setenv(signature_files.VARIABLE, "")
-    assert shipped_signatures.known() == ()
+    assert shipped_signatures.load_all() == ()
     monkeypatch.setenv(signature_files.VARIABLE, str(tmp_path / "gone"))
     with pytest.raises(BadInput, match="is no folder; HARNESS_SIGNATURES names the folder of the signatures"):
-        shipped_signatures.known()
+        shipped_signatures.load_all()
 
 
 def test_an_expectation_without_a_signature_reads_no_log(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
-from builders import asking, interpreter, lock, step
+from builders import cell_requiring, interpreter, lock, step
 
 from harness.ci import first_draft, first_values
 from harness.ci.drafts import Range
@@ -21,7 +21,9 @@ LOCK = lock()
 def planned(**versions: str) -> Cell:
     """Return a cell whose axes are these package versions."""
     axes = {"python": "3.11", **versions}
-    return asking(*(f"{name}=={version}" for name, version in versions.items()), axes=axes, python=axes["python"])
+    return cell_requiring(
+        *(f"{name}=={version}" for name, version in versions.items()), axes=axes, python=axes["python"]
+    )
 
 
 class Resolver:
@@ -76,7 +78,7 @@ def test_values_that_clash_with_the_newest_of_another_axis(
     monkeypatch.setattr(first_values, "Runner", Resolver)
     monkeypatch.setattr(first_values.interpreters, "find", lambda _: PYTHON)
 
-    found = first_values.clashing(CELLS, ("gymnasium", "sim"), Store(Path("nowhere")), None)  # type: ignore[arg-type]
+    found = first_values.find_clashes(CELLS, ("gymnasium", "sim"), Store(Path("nowhere")), None)  # type: ignore[arg-type]
 
     assert found == expected
 

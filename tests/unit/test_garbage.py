@@ -202,7 +202,7 @@ class TestSizes:
 
         def names(**limits: float | int | None) -> list[str]:
             asked = {"before": None, "most": None} | limits
-            chosen = cleanup.chosen(items, size, before=asked["before"], most=asked["most"])  # type: ignore[arg-type]
+            chosen = cleanup.select_items(items, size, before=asked["before"], most=asked["most"])  # type: ignore[arg-type]
             return [item.paths[0].name for item in chosen]
 
         assert names() == ["unfinished"]

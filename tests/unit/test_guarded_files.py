@@ -17,7 +17,7 @@ import pytest
 
 from harness.machine import interpreters, store
 from harness.machine.files import guarded_files, scratch_folders
-from harness.machine.store import Installed
+from harness.machine.store import InstallResult
 from harness.model import CellRecord, Lock, PhaseRecord, hostile_data
 from harness.model.hostile_data import Absent, Unreadable
 from harness.packages.environments import environments
@@ -135,7 +135,7 @@ def test_whatever_a_decoder_raises_is_one_error(
     """RecursionError, UnicodeDecodeError, MemoryError, csv.Error and all others say that the file is unreadable."""
     (tmp_path / "file").write_bytes(content)
     with pytest.raises(Unreadable, match=why):
-        guarded_files.decoded(tmp_path / "file", 1 << 20, decode)
+        guarded_files.read_decoded(tmp_path / "file", 1 << 20, decode)
 
 
 def test_a_process_without_descriptors_blames_no_file() -> None:
@@ -179,7 +179,7 @@ class TestRemoval:
             here = below
         os.close(os.open("file", os.O_CREAT | os.O_WRONLY, dir_fd=here))
         os.close(here)
-        assert scratch_folders.removed(top)
+        assert scratch_folders.remove_folder(top)
         assert not top.exists()
 
     def test_links_are_not_followed(self, tmp_path: Path) -> None:
@@ -189,7 +189,7 @@ class TestRemoval:
         (tmp_path / "top" / "inner").mkdir(parents=True)
         (tmp_path / "top" / "inner" / "link").symlink_to(tmp_path / "kept")
         (tmp_path / "top" / "link").symlink_to(tmp_path / "kept")
-        assert scratch_folders.removed(tmp_path / "top")
+        assert scratch_folders.remove_folder(tmp_path / "top")
         assert (tmp_path / "kept" / "file").exists()
 
     def test_locked_folders(self, tmp_path: Path) -> None:
@@ -198,15 +198,15 @@ class TestRemoval:
         (tmp_path / "top" / "inner" / "more" / "file").touch()
         (tmp_path / "top" / "inner" / "more").chmod(0)
         (tmp_path / "top" / "inner").chmod(0)
-        assert scratch_folders.removed(tmp_path / "top")
+        assert scratch_folders.remove_folder(tmp_path / "top")
 
     def test_odd_things(self, tmp_path: Path) -> None:
         """FIFOs and names that are no text go; what is not there is gone."""
         (tmp_path / "top").mkdir()
         os.mkfifo(tmp_path / "top" / "fifo")
         (tmp_path / "top" / os.fsdecode(b"\xff\n\x1b[31m")).touch()
-        assert scratch_folders.removed(tmp_path / "top")
-        assert scratch_folders.removed(tmp_path / "top")
+        assert scratch_folders.remove_folder(tmp_path / "top")
+        assert scratch_folders.remove_folder(tmp_path / "top")
 
     def test_what_cannot_be_removed_is_said(self, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
         """A folder that somebody is mounted on, or that is immutable, stays, and one line says so."""
@@ -241,7 +241,7 @@ def test_a_log_that_became_something_else_is_empty(tmp_path: Path) -> None:
 
 def test_threads_make_one_decoder_at_a_time() -> None:
     """Each type has one decoder, however many threads ask: msgspec 0.22 crashes where they make two at once."""
-    kinds = (CellRecord, PhaseRecord, Installed, Lock)
+    kinds = (CellRecord, PhaseRecord, InstallResult, Lock)
     with ThreadPoolExecutor(8) as pool:
         found = list(pool.map(guarded_files.decoder, kinds * 8))
     assert [len({id(one) for one in found[number :: len(kinds)]}) for number in range(len(kinds))] == [1] * len(kinds)

@@ -10,19 +10,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from readings import CASE, DIED, FAILED, GOOD, HERE, Check, asked, lines, passed
+from readings import CASE, DIED, FAILED, GOOD, HERE, Check, lines, passed, plan_case
 from specimens import GENERATED, MACHINES, cell, record
 
 from harness.__main__ import main
 from harness.judging.runs import case as judging
 from harness.judging.runs import decisive_line
-from harness.judging.runs.fold import Folded, after
+from harness.judging.runs.fold import Folded, add_run
 from harness.judging.runs.todo import todo
 from harness.machine.store import Store
 from harness.model import CellRecord, Expectation, Plan, Verdict
 from harness.model.report_types import Document
 from harness.probes.evidence import LOG, REPLY, End, ProbeRun
-from harness.probes.vault import Vault, kept
+from harness.probes.vault import Vault, keep_files
 from harness.reports import document, packs, publishing
 from harness.running import open_matrix
 
@@ -34,7 +34,7 @@ ROOT = Path(__file__).parents[2]
 
 def measured(opened: Store, label: str, *failing: Check, expect: Expectation | None = None) -> CellRecord:
     """Return a cell with a case whose checks ended as given; others passed, in as many runs as judging asked for."""
-    vault, folded, wanted = Vault(opened.folder), Folded(), asked()
+    vault, folded, wanted = Vault(opened.folder), Folded(), plan_case()
     ended = {check.name: check for check in failing}
     picture = vault.keep(PICTURE)
     while request := todo(wanted, folded):
@@ -50,10 +50,10 @@ def measured(opened: Store, label: str, *failing: Check, expect: Expectation | N
             program=dict.fromkeys((*request.limits, *request.followers), "of-today"),
             end=CRASH if dead else GOOD,
             host=HERE,
-            files={**kept(vault, texts), "render.rgb_array-first.png": picture},
+            files={**keep_files(vault, texts), "render.rgb_array-first.png": picture},
             measured=GENERATED,
         )
-        folded = after(wanted, folded, vault.reading(vault.put(run, label)))
+        folded = add_run(wanted, folded, vault.reading(vault.put(run, label)))
     case = judging.case_record(CASE, judging.phases(wanted, folded), folded.runs)
     (opened.folder / "locks").mkdir(exist_ok=True)
     (opened.folder / "locks/5f0c.txt").write_text("numpy==2.2.6\n")
@@ -121,7 +121,7 @@ def test_a_crash_is_judged_anew_by_a_later_reading(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each alteration is said, cell by cell; written, the report bears the instant at which it was judged."""
-    monkeypatch.setattr(decisive_line, "death", lambda _code, signal, _stacks: f"signal {signal}, read better")
+    monkeypatch.setattr(decisive_line, "describe_death", lambda _code, signal, _stacks: f"signal {signal}, read better")
 
     assert main(["report", "--judge-again", str(folder)]) == 1
     said = capsys.readouterr().out.splitlines()

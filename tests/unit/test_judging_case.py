@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import pytest
 import readings
-from readings import CASE, DIED, FAILED, GOOD, HERE, PASSED, PYTHON, Check, asked, passed, reading
+from readings import CASE, DIED, FAILED, GOOD, HERE, PASSED, PYTHON, Check, passed, plan_case, reading
 
 from harness.judging.runs import check as judging_check
 from harness.judging.runs import decisive_line
 from harness.judging.runs.case import phases
 from harness.judging.runs.check import TAKEN_AWAY
-from harness.judging.runs.fold import Asked, Folded, after, fold
+from harness.judging.runs.fold import CasePlan, Folded, add_run, fold
 from harness.judging.runs.todo import todo
 from harness.model import Outcome, Phase, PhaseRecord
 from harness.model.machine_trouble import SHOT
@@ -29,20 +29,20 @@ AGAIN = Request(case=CASE, limits={"single.repeat": 240.0})
 COMPARED = reading(AGAIN, passed("single.repeat"))
 
 
-def first(wanted: Asked) -> Request:
+def first(wanted: CasePlan) -> Request:
     """Return the first request for a case without stored runs."""
     request = todo(wanted, Folded())
     assert request
     return request
 
 
-def asks(wanted: Asked, *runs: Reading) -> list[str]:
+def asks(wanted: CasePlan, *runs: Reading) -> list[str]:
     """Return the checks of the request that comes after these runs; none if nothing is left to ask."""
     request = todo(wanted, fold(wanted, runs))
     return list(request.limits) if request else []
 
 
-def came_to(wanted: Asked, *runs: Reading) -> dict[Phase, PhaseRecord]:
+def came_to(wanted: CasePlan, *runs: Reading) -> dict[Phase, PhaseRecord]:
     """Return the phases of a case after these runs."""
     return phases(wanted, fold(wanted, runs))
 
@@ -57,16 +57,16 @@ def outcomes(found: Mapping[Phase, PhaseRecord]) -> dict[str, str]:
 
 def test_all_checks_are_asked_of_one_process() -> None:
     """Imports are the cost."""
-    assert list(first(asked()).limits) == list(ALL)
+    assert list(first(plan_case()).limits) == list(ALL)
 
 
 def test_a_case_that_passes_is_compared_with_a_second_process_and_done() -> None:
     """The same seed, another process, twice the time."""
     whole = reading(WHOLE, passed(*ALL))
 
-    assert todo(asked(), fold(asked(), [whole])) == AGAIN
-    assert asks(asked(), whole, COMPARED) == []
-    assert set(outcomes(came_to(asked(), whole, COMPARED)).values()) == {"passed"}
+    assert todo(plan_case(), fold(plan_case(), [whole])) == AGAIN
+    assert asks(plan_case(), whole, COMPARED) == []
+    assert set(outcomes(came_to(plan_case(), whole, COMPARED)).values()) == {"passed"}
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_another_trajectory_is_a_finding(second: list[str], text: str | None) ->
     whole = reading(WHOLE, [*passed("import.modules"), *loop, *passed(*ALL[2:])])
     other = reading(AGAIN, [Check(name="single.repeat", facts={"trajectory": second})])
 
-    found = came_to(asked(), whole, other)[Phase.SINGLE].findings
+    found = came_to(plan_case(), whole, other)[Phase.SINGLE].findings
     assert [one.text for one in found] == ([text] if text else [])
 
 
@@ -91,22 +91,22 @@ def test_after_a_death_the_rest_goes_on_in_a_fresh_process() -> None:
     """A crash ends the check that was running; those that need it are not asked for."""
     died = reading(WHOLE, [*passed(*ALL[:2]), Check(name="vector.sync", outcome=DIED)], end=CRASH)
 
-    assert asks(asked(), died) == ["vector.async.fork", "render.rgb_array"]
+    assert asks(plan_case(), died) == ["vector.async.fork", "render.rgb_array"]
     dead = reading(WHOLE, [*passed(*ALL[:1]), Check(name="single.loop", outcome=DIED)], end=CRASH)
-    assert asks(asked(), dead) == []
-    assert outcomes(came_to(asked(), dead)) == {"import": "passed", "single": "crashed"}
-    assert came_to(asked(), dead)[Phase.SINGLE].decisive == "killed by SIGSEGV"
+    assert asks(plan_case(), dead) == []
+    assert outcomes(came_to(plan_case(), dead)) == {"import": "passed", "single": "crashed"}
+    assert came_to(plan_case(), dead)[Phase.SINGLE].decisive == "killed by SIGSEGV"
 
 
 def test_a_limit_that_ran_out_is_doubled_once() -> None:
     """The second time it is the outcome."""
     slow = reading(WHOLE, [*passed(*ALL[:1]), Check(name="single.loop", outcome=DIED)], end=OVERRAN)
-    again = todo(asked(), fold(asked(), [slow]))
+    again = todo(plan_case(), fold(plan_case(), [slow]))
 
     assert again
     assert again.limits["single.loop"] == 240.0
     second = reading(again, [Check(name="single.loop", outcome=DIED)], end=replace(OVERRAN, overran=240.0))
-    found = came_to(asked(), slow, second)[Phase.SINGLE]
+    found = came_to(plan_case(), slow, second)[Phase.SINGLE]
     assert (found.outcome, found.decisive, found.attempts) == (Outcome.TIMED_OUT, "no end within 240 s", 2)
 
 
@@ -114,11 +114,11 @@ def test_a_limit_that_ran_out_is_doubled_once() -> None:
 def test_a_process_that_somebody_killed_is_tried_once_more(checks: tuple[Check, ...]) -> None:
     """The second time it is a trouble of this machine, and no package is blamed."""
     killed = reading(WHOLE, checks, end=KILLED)
-    again = todo(asked(), fold(asked(), [killed]))
+    again = todo(plan_case(), fold(plan_case(), [killed]))
 
     assert again
     second = reading(again, [Check(name=next(iter(again.limits)), outcome=DIED)], end=KILLED)
-    found = list(came_to(asked(), killed, second).values())[-1]
+    found = list(came_to(plan_case(), killed, second).values())[-1]
     assert (found.outcome, found.decisive, found.attempts) == (Outcome.INFRA, SHOT, 2)
 
 
@@ -127,8 +127,8 @@ def test_an_environment_in_pieces_is_met_twice_before_it_is_told() -> None:
     failed = [*passed(*ALL[:1]), Check(name="single.loop", outcome=FAILED, message="no file")]
     broken = reading(WHOLE, failed, host=replace(HERE, stood=False))
 
-    assert todo(asked(), fold(asked(), [broken])) == WHOLE
-    found = came_to(asked(), broken, broken)[Phase.IMPORT]
+    assert todo(plan_case(), fold(plan_case(), [broken])) == WHOLE
+    found = came_to(plan_case(), broken, broken)[Phase.IMPORT]
     assert (found.outcome, found.decisive) == (Outcome.INFRA, TAKEN_AWAY)
 
 
@@ -137,22 +137,22 @@ def test_byte_code_in_pieces_is_made_anew() -> None:
     check = Check(name="import.modules", outcome=FAILED, message="EOFError: marshal data too short")
     cut = reading(WHOLE, [check])
 
-    assert todo(asked(), fold(asked(), [cut])) == replace(WHOLE, recompiled=True)
+    assert todo(plan_case(), fold(plan_case(), [cut])) == replace(WHOLE, recompiled=True)
     whole = reading(replace(WHOLE, recompiled=True), passed(*ALL))
-    assert set(outcomes(came_to(asked(), cut, whole)).values()) == {"passed"}
+    assert set(outcomes(came_to(plan_case(), cut, whole)).values()) == {"passed"}
 
 
 def test_a_probe_that_did_not_start() -> None:
     """No package was tried; where Python alone does not start with what is installed, one is at fault."""
     printed = {"log.txt": b"Fatal Python error: no module named encodings\n"}
     silent = reading(WHOLE, texts=printed, end=End(exit_code=1))
-    found = came_to(asked(), silent)[Phase.IMPORT]
+    found = came_to(plan_case(), silent)[Phase.IMPORT]
     assert found.outcome is Outcome.INFRA
     assert found.decisive == "the probe did not start: Fatal Python error: no module named encodings"
 
     why = "Python does not start with what is installed: ValueError: bad .pth"
     blamed = reading(WHOLE, end=End(exit_code=1), host=replace(HERE, bare_start=why))
-    found = came_to(asked(), blamed)[Phase.IMPORT]
+    found = came_to(plan_case(), blamed)[Phase.IMPORT]
     assert (found.outcome, found.decisive) == (Outcome.FAILED, why)
 
 
@@ -160,7 +160,7 @@ def test_another_python_tries_nothing() -> None:
     """An environment whose interpreter was replaced says nothing of the packages."""
     other = reading(WHOLE, passed(*ALL), host=replace(HERE, python="3.12.1"))
 
-    found = came_to(asked(), other)[Phase.IMPORT]
+    found = came_to(plan_case(), other)[Phase.IMPORT]
     assert (found.outcome, found.decisive) == (
         Outcome.INFRA,
         f"the environment's Python is {PYTHON}, not 3.12.1",
@@ -170,15 +170,15 @@ def test_another_python_tries_nothing() -> None:
 # --- confirmation ---------------------------------------------------------------------------------------------------
 
 
-def verified(*ended: str) -> tuple[list[Reading], Asked]:
+def verified(*ended: str) -> tuple[list[Reading], CasePlan]:
     """Return runs of `--verify` in which the loop ended with these outcomes in turn, and the question of the runs."""
-    wanted, made = asked(replace(CASE, checks=ALL[:2]), verify=True), []
+    wanted, made = plan_case(replace(CASE, checks=ALL[:2]), verify=True), []
     folded = Folded()
     outcomes = iter((PASSED, *ended))
     while request := todo(wanted, folded):
         (name,) = request.limits
         made.append(reading(request, [Check(name=name, outcome=next(outcomes, PASSED), message="boom")]))
-        folded = after(wanted, folded, made[-1])
+        folded = add_run(wanted, folded, made[-1])
     return made, wanted
 
 
@@ -208,11 +208,11 @@ def test_a_failure_is_confirmed(ended: tuple[str, ...], outcome: Outcome, decisi
 def test_runs_that_confirmed_are_no_less_without_that() -> None:
     """Runs of `--verify` are not made again without it; the other way round they are."""
     made, _ = verified(FAILED, FAILED, FAILED)
-    plain = asked(replace(CASE, checks=ALL[:2]))
+    plain = plan_case(replace(CASE, checks=ALL[:2]))
 
     assert asks(plain, *made) == []
     whole = reading(first(plain), [*passed(*ALL[:1]), Check(name="single.loop", outcome=FAILED)])
-    assert asks(asked(replace(CASE, checks=ALL[:2]), verify=True), whole) == ["import.modules"]
+    assert asks(plan_case(replace(CASE, checks=ALL[:2]), verify=True), whole) == ["import.modules"]
 
 
 # --- what is taken over ---------------------------------------------------------------------------------------------
@@ -223,14 +223,14 @@ def test_a_changed_check_measures_that_check_alone(check: str) -> None:
     """All others are known from the run that showed them."""
     whole = reading(WHOLE, passed(*ALL))
 
-    assert asks(asked(program={check: "changed"}), whole, COMPARED) == [check]
+    assert asks(plan_case(program={check: "changed"}), whole, COMPARED) == [check]
 
 
 def test_a_changed_check_that_follows_another_is_looked_at_alone() -> None:
     """The one that it follows is run to lead to it, and counts for nothing."""
     loop = Check(name="single.loop", findings=("odd loop",))
     whole = reading(WHOLE, [*passed("import.modules"), loop, *passed(*ALL[2:])])
-    changed = asked(program={"single.state": "changed"})
+    changed = plan_case(program={"single.state": "changed"})
     request = todo(changed, fold(changed, [whole, COMPARED]))
     assert request
     assert (list(request.limits), request.followers, request.leads) == (["single.loop"], ("single.state",), True)
@@ -250,7 +250,7 @@ def test_a_changed_check_that_follows_another_is_looked_at_alone() -> None:
 def test_a_check_that_could_not_follow_is_asked_for_once_in_a_run(checks: tuple[Check, ...]) -> None:
     """The next run asks for it again: a loop that did not pass this time says nothing of a check that follows it."""
     whole = reading(WHOLE, passed(*ALL))
-    changed = asked(program={"single.contact": "changed"})
+    changed = plan_case(program={"single.contact": "changed"})
     request = todo(changed, fold(changed, [whole, COMPARED]))
     assert request
     program = {"single.loop": "of-today", "single.contact": "changed"}
@@ -266,7 +266,7 @@ def test_findings_of_a_changed_check_go_with_it() -> None:
     loop = Check(name="single.loop", findings=("odd loop",))
     sync = Check(name="vector.sync", findings=("odd workers",))
     whole = reading(WHOLE, [*passed("import.modules"), loop, sync, *passed(*ALL[3:])])
-    changed = asked(program={"vector.sync": "changed"})
+    changed = plan_case(program={"vector.sync": "changed"})
     request = todo(changed, fold(changed, [whole]))
     assert request
     new = reading(request, passed("vector.sync"), program={"vector.sync": "changed"})
@@ -281,7 +281,7 @@ def test_a_later_run_counts() -> None:
     drawn = Request(case=CASE, limits={"render.rgb_array": 120.0}, followers=wire.FOLLOWERS["render.rgb_array"])
     again = reading(drawn, passed("render.rgb_array"))
 
-    assert outcomes(came_to(asked(), failed, again))["render"] == "passed"
+    assert outcomes(came_to(plan_case(), failed, again))["render"] == "passed"
 
 
 TROUBLE = End(exit_code=1, full=True)
@@ -301,7 +301,7 @@ def test_a_failure_is_reused_where_it_says_something(end: End, host: Host, again
     """A failure is not reused under other conditions, on request, or after trouble of this machine."""
     failed = reading(WHOLE, [Check(name="import.modules", outcome=FAILED, message="no")], end=end, host=host)
 
-    known = fold(asked(), [failed]).reusable("here", failed_too=not again)
+    known = fold(plan_case(), [failed]).reusable("here", failed_too=not again)
     assert bool(known.ended) is reused
 
 
@@ -312,27 +312,27 @@ def test_better_judging_asks_again_for_what_says_nothing(monkeypatch: pytest.Mon
         WHOLE, [*passed(*ALL[:4]), Check(name="render.rgb_array", outcome=FAILED, message="the moon is full")]
     )
     runs = [failed, COMPARED]
-    assert came_to(asked(), *runs)[Phase.RENDER].decisive == line
+    assert came_to(plan_case(), *runs)[Phase.RENDER].decisive == line
     assert asks_after_reuse(runs) == []
 
     monkeypatch.setattr(judging_check, "MACHINE_TROUBLE", judging_check.re.compile("the moon is full"))
-    assert came_to(asked(), *runs)[Phase.RENDER].outcome is Outcome.INFRA
+    assert came_to(plan_case(), *runs)[Phase.RENDER].outcome is Outcome.INFRA
     assert asks_after_reuse(runs) == ["render.rgb_array"]
 
 
 def asks_after_reuse(runs: list[Reading]) -> list[str]:
     """Return the checks that a later run of the program asks for."""
-    request = todo(asked(), fold(asked(), runs).reusable("here", failed_too=True))
+    request = todo(plan_case(), fold(plan_case(), runs).reusable("here", failed_too=True))
     return list(request.limits) if request else []
 
 
 def test_a_crash_is_judged_anew_without_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its signal is stored, not what was made of it."""
     dead = reading(WHOLE, [*passed(*ALL[:1]), Check(name="single.loop", outcome=DIED)], end=CRASH)
-    assert came_to(asked(), dead)[Phase.SINGLE].decisive == "killed by SIGSEGV"
+    assert came_to(plan_case(), dead)[Phase.SINGLE].decisive == "killed by SIGSEGV"
 
-    monkeypatch.setattr(decisive_line, "death", lambda _code, signal, _stacks: f"signal {signal}, read better")
-    assert came_to(asked(), dead)[Phase.SINGLE].decisive == "signal 11, read better"
+    monkeypatch.setattr(decisive_line, "describe_death", lambda _code, signal, _stacks: f"signal {signal}, read better")
+    assert came_to(plan_case(), dead)[Phase.SINGLE].decisive == "signal 11, read better"
 
 
 # --- findings -------------------------------------------------------------------------------------------------------
@@ -342,7 +342,7 @@ def test_what_a_run_wrote_and_left_is_found() -> None:
     """Written files, stray processes and native errors are findings of the phase of the run's first check."""
     end = replace(GOOD, written=("a.so", "b.so"), stray=2)
     texts = {"log.txt": b"[Error] [carb.gym.plugin] no\n"}
-    found = came_to(asked(), reading(WHOLE, passed(*ALL), end=end, texts=texts))[Phase.IMPORT].findings
+    found = came_to(plan_case(), reading(WHOLE, passed(*ALL), end=end, texts=texts))[Phase.IMPORT].findings
 
     assert [(one.check, one.text) for one in found] == [
         ("import.written", "wrote into its own environment (kept from other runs): a.so, b.so"),
@@ -355,11 +355,11 @@ def test_findings_go_with_the_run_that_counts() -> None:
     """Findings of an attempt that was repeated are not told."""
     slow = Check(name="single.loop", outcome=DIED, findings=("slow",))
     first_try = reading(WHOLE, [*passed(*ALL[:1]), slow], end=OVERRAN)
-    request = todo(asked(), fold(asked(), [first_try]))
+    request = todo(plan_case(), fold(plan_case(), [first_try]))
     assert request
     second = reading(request, [Check(name="single.loop", findings=("fine",)), *passed(*ALL[2:])])
 
-    told = {one.text for one in came_to(asked(), first_try, second)[Phase.SINGLE].findings}
+    told = {one.text for one in came_to(plan_case(), first_try, second)[Phase.SINGLE].findings}
     assert told == {"fine"}
 
 
@@ -367,5 +367,5 @@ def test_nothing_of_a_check_is_believed_of_another_program() -> None:
     """A run of which every check is outdated is as good as none."""
     old = reading(WHOLE, passed(*ALL), program=dict.fromkeys(ALL, "older"))
 
-    assert fold(asked(), [old]) == Folded()
+    assert fold(plan_case(), [old]) == Folded()
     assert readings.PROGRAM not in old.run.program.values()

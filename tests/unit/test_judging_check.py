@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 from builders import warning
 
-from harness.judging.runs.check import Ending, check_record, found_beside, reachable, shot
+from harness.judging.runs.check import Ending, check_record, reachable, side_findings, was_killed
 from harness.model import CheckReply, Finding, Observed, Outcome, Phase, ProbeReply, Raised, WorkerRecord
 from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.model.words import sentence
@@ -29,7 +29,7 @@ def reply(checks: Mapping[str, Outcome | None], *, complete: bool = False) -> Pr
 
 def beside(told: ProbeReply, ending: Ending) -> Iterator[Finding]:
     """Yield the findings from a probe's end, where every check that follows another one was asked for."""
-    return found_beside(told, ending, wire.followers_of(wire.FOLLOWERS))
+    return side_findings(told, ending, wire.followers_of(wire.FOLLOWERS))
 
 
 def raised(
@@ -251,7 +251,7 @@ class TestKilledFromOutside:
         )
 
         assert (record.outcome, record.decisive) == (Outcome.INFRA, f"worker {SHOT}")
-        assert shot(record)
+        assert was_killed(record)
 
     def test_a_worker_that_its_parent_killed(self) -> None:
         """After an exception of its own a parent may kill what it started: that exception is the reason."""

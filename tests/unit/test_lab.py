@@ -10,7 +10,7 @@ import pytest
 from harness.judging.identity import Failure
 from harness.model import Phase
 from harness.rootcause.bench import Trial
-from harness.rootcause.repair.lab import further
+from harness.rootcause.repair.lab import fails_further
 
 PINNED = "Because dm-control==1.0.31 depends on mujoco>=3.3.3 and you require mujoco==3.3.2"
 ON_37 = "Because mujoco==3.3.2 depends on Python>=3.8 and you require mujoco==3.3.2, we can conclude"
@@ -38,4 +38,4 @@ def failing(phase: Phase, line: str, *causes: str) -> Trial:
 )
 def test_progress(before: Trial, after: Trial, *, progress: bool) -> None:
     """Another sentence of the resolver about the same packages is none, nor is a failure of an earlier phase."""
-    assert further(before, after) is progress
+    assert fails_further(before, after) is progress

@@ -10,7 +10,7 @@ import pytest
 from builders import lock, pin
 
 from harness.model import IndexSettings, Lock, Question
-from harness.running.scheduler.lock_freshness import lasts
+from harness.running.scheduler.lock_freshness import is_still_valid
 
 NAME = "demo-1.0-py3-none-any.whl"
 
@@ -53,12 +53,12 @@ def later() -> int:
 
 def test_the_instant_decides(wheels: Path) -> None:
     """A lock to which its instant applied lasts, whatever lies in a folder."""
-    assert lasts(locked("https://files.example/demo.whl"), question(wheels / "absent"), 0)
+    assert is_still_valid(locked("https://files.example/demo.whl"), question(wheels / "absent"), 0)
 
 
 def test_an_untouched_folder(wheels: Path) -> None:
     """A lock with a file from a folder lasts while the folder is unchanged."""
-    assert lasts(locked((wheels / NAME).as_uri(), "demo"), question(wheels), later())
+    assert is_still_valid(locked((wheels / NAME).as_uri(), "demo"), question(wheels), later())
 
 
 @pytest.mark.parametrize("change", ["another", "overwritten", "removed", "link"])
@@ -67,7 +67,7 @@ def test_a_changed_folder(wheels: Path, tmp_path: Path, change: str) -> None:
     link = tmp_path / "link"
     link.symlink_to(wheels)
     made = later()
-    assert lasts(locked((wheels / NAME).as_uri(), "demo"), question(link), made)
+    assert is_still_valid(locked((wheels / NAME).as_uri(), "demo"), question(link), made)
 
     if change == "another":
         (wheels / "demo-2.0-py3-none-any.whl").touch()
@@ -79,7 +79,7 @@ def test_a_changed_folder(wheels: Path, tmp_path: Path, change: str) -> None:
         link.unlink()
         link.symlink_to(wheels)
 
-    assert not lasts(locked((wheels / NAME).as_uri(), "demo"), question(link), made)
+    assert not is_still_valid(locked((wheels / NAME).as_uri(), "demo"), question(link), made)
 
 
 @pytest.mark.parametrize(
@@ -95,4 +95,4 @@ def test_what_cannot_be_watched(wheels: Path, source: str, link: str) -> None:
     source = (wheels / NAME).as_uri() if source == "WHEELS" else source
     place = wheels if link == "WHEELS" else link
 
-    assert not lasts(locked(source, "demo"), question(place), later())
+    assert not is_still_valid(locked(source, "demo"), question(place), later())

@@ -91,9 +91,9 @@ def test_index_without_hashes() -> None:
 class TestText:
     def test_round_trip(self) -> None:
         """A lock is read back as it was written."""
-        lock = locks.assembled([pin("b", "2.0+cpu"), pin("a", "1.0")], INSTANT)
+        lock = locks.assemble([pin("b", "2.0+cpu"), pin("a", "1.0")], INSTANT)
 
-        assert locks.pinned(lock.requirements) == {"a": ("1.0", (SHA,)), "b": ("2.0+cpu", (SHA,))}
+        assert locks.read_pins(lock.requirements) == {"a": ("1.0", (SHA,)), "b": ("2.0+cpu", (SHA,))}
 
     @pytest.mark.parametrize(
         "text", ["a>=1", "a==1.0", "a==1.0 --hash=md5:00", f"a==1 \\\n    --hash=sha256:{A} extra"]
@@ -101,7 +101,7 @@ class TestText:
     def test_no_lock(self, text: str) -> None:
         """Anything but pinned and hashed requirements is refused, with its line."""
         with pytest.raises(BadInput) as raised:
-            locks.pinned(text)
+            locks.read_pins(text)
 
         assert str(raised.value) == (
             f"not a lock of this harness: `{text.splitlines()[0]}` is no `name==version --hash=sha256:...`"
@@ -138,7 +138,7 @@ def test_pylock_to_install_from() -> None:
 
     one = {"name": "a-1-py3-none-any.whl", "url": remote.source, "hashes": {"sha256": A}}
     other = {"name": "b-1-py3-none-any.whl", "path": "/wheels/b-1-py3-none-any.whl", "hashes": {"sha256": B}}
-    assert tomllib.loads(locks.to_install([("a", "1", remote), ("b", "1", built)])) == {
+    assert tomllib.loads(locks.format_pylock([("a", "1", remote), ("b", "1", built)])) == {
         "lock-version": "1.0",
         "created-by": "simmatrix",
         "packages": [
@@ -153,7 +153,7 @@ def test_any_folder_can_be_told_to_uv(folder: str) -> None:
     """A path with whatever characters is read again as it is."""
     built = Artifact(filename="b-1-py3-none-any.whl", sha256=B, source=f"{folder}/b-1-py3-none-any.whl")
 
-    (package,) = tomllib.loads(locks.to_install([("b", "1", built)]))["packages"]
+    (package,) = tomllib.loads(locks.format_pylock([("b", "1", built)]))["packages"]
 
     assert package["wheels"][0]["path"] == built.source
 
@@ -163,8 +163,8 @@ def test_what_uv_keeps_for_good() -> None:
     remote = Artifact(filename="a-1-py3-none-any.whl", sha256=A, source="https://files.invalid/a-1-py3-none-any.whl")
     built = Artifact(filename="b-1-py3-none-any.whl", sha256=B, source="/wheels/b-1-py3-none-any.whl")
 
-    (only,) = tomllib.loads(locks.to_keep([remote, built]))["index"]
+    (only,) = tomllib.loads(locks.format_uv_settings([remote, built]))["index"]
     assert only["url"] == f"https://wheels.invalid/{A}"
     assert only["explicit"]
     assert "immutable" in only["cache-control"]["files"]
-    assert locks.to_keep([built]) == ""
+    assert locks.format_uv_settings([built]) == ""

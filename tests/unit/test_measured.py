@@ -40,7 +40,7 @@ def works(found: dict) -> list[str]:
 
 def test_a_checkout_reads_its_reports() -> None:
     """The results of this checkout's reports are there, with a lock for every cell that works, in under 2 MB."""
-    found = result_index.shipped()
+    found = result_index.load_shipped()
 
     assert len({cell["matrix"] for cell in found["cells"]}) > 10
     assert len(works(found)) > 200
@@ -59,7 +59,7 @@ def test_a_wheel_reads_its_file(alone: Path) -> None:
     put(alone / "nowhere" / "reports" / "quick")
     (alone / "packed.json.gz").write_bytes(digest.packed(digest.combined([])))
 
-    assert result_index.shipped()["cells"] == []
+    assert result_index.load_shipped()["cells"] == []
 
 
 @pytest.mark.parametrize("depth", [".", ".."], ids=["a report", "a folder of reports"])

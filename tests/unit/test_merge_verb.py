@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from builders import GENERATED, HERE, MACHINES, case
-from specimens import measured, quick
+from specimens import quick, quick_record
 
 from harness.__main__ import main
 from harness.model import CellRecord, Phase
@@ -114,8 +114,8 @@ def test_what_is_printed(shards: Path, capsys: pytest.CaptureFixture[str]) -> No
 )
 def test_exit_codes(shards: Path, index: int | str | None, kinds: str | None, code: int) -> None:
     """Every kind of `--fail-on`: 1 where it is named and met, 3 for inconclusive where it is not, else 0."""
-    infra = measured(PLAN.cells[0], case("pppi"))
-    better = measured(PLAN.cells[1], case("pppp"))
+    infra = quick_record(PLAN.cells[0], case("pppi"))
+    better = quick_record(PLAN.cells[1], case("pppp"))
     chosen = {
         None: (),
         "inconclusive": (infra,),

@@ -28,7 +28,7 @@ def shard(*records: CellRecord, machine: str = HERE, generated: str = GENERATED,
 
 def of(*documents: Document) -> Document:
     """Return the merged document."""
-    return merging.united([merging.Source(name=f"{number}", document=one) for number, one in enumerate(documents)])
+    return merging.merge([merging.Source(name=f"{number}", document=one) for number, one in enumerate(documents)])
 
 
 def ran(number: int, outcomes: str = "pppp", **more: Any) -> CellRecord:
@@ -260,7 +260,7 @@ class TestPlaces:
     def placed(self, *contents: str) -> tuple[Document, dict[str, str]]:
         """Place the locks of the first cells, with these contents; return the document and the file names by token."""
         tokens = (merging.token("locks/5f0c.txt", content) for content in contents)
-        return merging.placed(shard(*(ran(number, lock=token) for number, token in enumerate(tokens))))
+        return merging.assign_paths(shard(*(ran(number, lock=token) for number, token in enumerate(tokens))))
 
     def test_one_content_lies_there_once(self) -> None:
         """A lock that several cells have keeps its name."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from builders import asking
+from builders import cell_requiring
 
 from harness.matrix import changes
 from harness.model import Change, Phase
@@ -38,7 +38,9 @@ def test_parts_make_the_whole_again() -> None:
 
 def test_the_later_of_two_changes_has_the_last_word() -> None:
     """The later change wins on the same package or variable; the rest of both stays."""
-    both = candidate_changes.together(WHOLE, Change(constraints=("numpy<1.24",), environment={"MUJOCO_GL": "osmesa"}))
+    both = candidate_changes.merge_changes(
+        WHOLE, Change(constraints=("numpy<1.24",), environment={"MUJOCO_GL": "osmesa"})
+    )
     assert both.constraints == ("mujoco<3", "numpy<1.24")
     assert (both.environment, both.python) == ({"MUJOCO_GL": "osmesa", "DISPLAY": ""}, "3.10")
 
@@ -60,22 +62,25 @@ def test_remedy_beside_what_is_asked_for(
     asked: list[str], bounded: list[str], change: str, made: list[str], contrary: bool
 ) -> None:
     """The user's own requirements stay where they can; a contradiction is reported."""
-    of = asking(*asked, constraints=tuple(bounded))
-    assert candidate_changes.beside(of, Change(requirements=(change,))) == (Change(requirements=tuple(made)), contrary)
+    of = cell_requiring(*asked, constraints=tuple(bounded))
+    assert candidate_changes.merge_with_bounds(of, Change(requirements=(change,))) == (
+        Change(requirements=tuple(made)),
+        contrary,
+    )
 
 
 def test_a_bound_that_is_contrary_to_a_pin_moves_it() -> None:
     """A constraint would leave the pin, and nothing to resolve."""
-    made, contrary = candidate_changes.beside(
-        asking("gymnasium==0.29.1", "mujoco==3.0.1"), Change(constraints=("mujoco<3",))
+    made, contrary = candidate_changes.merge_with_bounds(
+        cell_requiring("gymnasium==0.29.1", "mujoco==3.0.1"), Change(constraints=("mujoco<3",))
     )
     assert (made, contrary) == (Change(requirements=("mujoco<3",)), True)
-    before = asking("mujoco==3.0.1")
-    assert candidate_changes.moved(before, changes.applied(before, made, {})) == ("mujoco",)
-    narrowed = changes.applied(asking("numpy<2"), Change(requirements=("numpy<1.24",)), {})
-    assert candidate_changes.moved(asking("numpy<2"), narrowed) == ()
-    free = changes.applied(before, Change(constraints=("numpy<2",)), {})
-    assert candidate_changes.moved(before, free) == ()
+    before = cell_requiring("mujoco==3.0.1")
+    assert candidate_changes.find_replaced_packages(before, changes.apply(before, made, {})) == ("mujoco",)
+    narrowed = changes.apply(cell_requiring("numpy<2"), Change(requirements=("numpy<1.24",)), {})
+    assert candidate_changes.find_replaced_packages(cell_requiring("numpy<2"), narrowed) == ()
+    free = changes.apply(before, Change(constraints=("numpy<2",)), {})
+    assert candidate_changes.find_replaced_packages(before, free) == ()
 
 
 @pytest.mark.parametrize(
@@ -102,7 +107,7 @@ def test_what_an_error_says_to_install() -> None:
         'DependencyNotInstalled: pygame is not installed, run `pip install "gymnasium[classic-control]"`',
         "pip install some-package-of-that-name",
     )
-    found = list(failure_hints.told_to_install(asking("gymnasium[mujoco]==1.2.3"), evidence))
+    found = list(failure_hints.find_suggested_installs(cell_requiring("gymnasium[mujoco]==1.2.3"), evidence))
     assert found == [Change(requirements=("gymnasium[classic-control,mujoco]==1.2.3",))]
 
 
@@ -117,7 +122,7 @@ def test_suspects() -> None:
 def test_ways_of_drawing() -> None:
     """Those that the machine has, where the failure speaks of drawing; first what the user set is taken away."""
     here = frozenset({"egl", "osmesa"})
-    of = asking("mujoco", environment={"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": "glx"})
+    of = cell_requiring("mujoco", environment={"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": "glx"})
     found = list(failure_hints.variables(of, Phase.RENDER, told("no OpenGL platform"), here=here))
     assert [one.change.environment for one in found] == [
         {"PYOPENGL_PLATFORM": ""},
@@ -125,7 +130,7 @@ def test_ways_of_drawing() -> None:
     ]
     assert not list(failure_hints.variables(of, Phase.SINGLE, told("numpy has no attribute"), here=here))
     shown = list(
-        failure_hints.variables(asking("mujoco"), Phase.RENDER, told("no display"), here=frozenset({"display"}))
+        failure_hints.variables(cell_requiring("mujoco"), Phase.RENDER, told("no display"), here=frozenset({"display"}))
     )
     assert [one.change.environment for one in shown] == [
         {"SDL_VIDEODRIVER": "x11"},
@@ -140,7 +145,9 @@ def test_ways_of_drawing_that_nothing_reads() -> None:
     here = frozenset({"egl", "osmesa", "display"})
 
     def tried(*installed: str) -> list[dict[str, str]]:
-        found = failure_hints.variables(asking("x"), Phase.RENDER, told("blank frame"), here=here, installed=installed)
+        found = failure_hints.variables(
+            cell_requiring("x"), Phase.RENDER, told("blank frame"), here=here, installed=installed
+        )
         return [dict(one.change.environment) for one in found]
 
     assert tried("pygame") == [{"SDL_VIDEODRIVER": "x11"}, {"DISPLAY": "virtual"}]
@@ -170,7 +177,7 @@ def test_bounds_that_a_text_names(text: str, bounds: dict[str, str]) -> None:
 def test_bounds_that_are_not_met() -> None:
     """Only those that what is there contradicts are hints."""
     texts = ["needs numpy<2 and mujoco>=2.3"]
-    assert list(failure_hints.refused(texts, {"numpy": "2.2.6", "mujoco": "3.1.6"})) == ["numpy"]
+    assert list(failure_hints.find_unmet_bounds(texts, {"numpy": "2.2.6", "mujoco": "3.1.6"})) == ["numpy"]
 
 
 def test_alternatives_of_one_package() -> None:

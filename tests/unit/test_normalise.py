@@ -417,7 +417,7 @@ def test_original_of_a_raised_chain() -> None:
 )
 def test_death(exit_code: int | None, number: int | None, stacks: str, expected: str) -> None:
     """The end of a process in words: signal or exit code, what it said, and where."""
-    assert decisive_line.death(exit_code, number, stacks) == expected
+    assert decisive_line.describe_death(exit_code, number, stacks) == expected
 
 
 def test_innermost_frame_of_the_main_thread() -> None:

@@ -11,7 +11,7 @@ import pytest
 from builders import MACHINES, record
 from builders import case as tried
 from builders import cell as planned
-from specimens import RESET, combination, measured, quick, quick_document
+from specimens import RESET, combination, quick, quick_document, quick_record
 
 from harness.__main__ import main
 from harness.model import Expectation, Outcome, Phase, Step, Verdict
@@ -86,7 +86,7 @@ def test_what_was_expected_is_told() -> None:
     """Another failure than the expected one says both; an expectation that was not met makes it so."""
     expect = Expectation(verdict=Verdict.BROKEN, phase=Phase.SINGLE, reason="known")
     made = document.build(
-        [measured(combination("3.11", "1.2.3", "3.3.7", expect), tried("ppfp"))],
+        [quick_record(combination("3.11", "1.2.3", "3.3.7", expect), tried("ppfp"))],
         [replace(quick()[0], cells=(combination("3.11", "1.2.3", "3.3.7", expect),))],
         MACHINES,
         "2026-11-21T12:30:00Z",

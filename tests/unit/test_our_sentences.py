@@ -17,9 +17,9 @@ from harness.matrix.signatures import Sighting, Signature
 from harness.model import Observed, Phase, words
 from harness.model.words import VIOLATION
 from harness.reports import document
-from harness.running.shipped_signatures import known
+from harness.running.shipped_signatures import load_all
 from harness.standalone import matching
-from harness.standalone.lines import bounded
+from harness.standalone.lines import shorten_line
 from harness.standalone.matching import Around, Evidence, diagnose
 
 ROOT = Path(__file__).parents[2]
@@ -65,7 +65,7 @@ def test_samples_are_whole() -> None:
 
 def patterns() -> Iterator[tuple[str, str]]:
     """Yield the patterns of known failures and of the expectations of matrices, each with its place."""
-    yield from ((one.id, str(one.pattern)) for one in known() if one.pattern)
+    yield from ((one.id, str(one.pattern)) for one in load_all() if one.pattern)
     for path in sorted((ROOT / "matrices").glob("*.toml")):
         plain = tomllib.loads(path.read_text(encoding="utf-8"))
         tables = [*plain.get("expect", ()), *(change.get("expect", {}) for change in plain.get("change", ()))]
@@ -80,7 +80,7 @@ def ours(pattern: str) -> list[str]:
 def test_no_pattern_finds_our_own_sentence() -> None:
     """A `code` is for that: a sentence may change, and words of a library may not be taken for it."""
     every = list(patterns())
-    assert len(every) > len(known())
+    assert len(every) > len(load_all())
     assert [(place, found[0]) for place, pattern in every if (found := ours(pattern))] == []
 
 
@@ -105,7 +105,7 @@ def test_a_pattern_of_our_own_sentence_is_seen(pattern: str) -> None:
     assert ours(pattern)
 
 
-BY_CODE = [one for one in known() if one.code]
+BY_CODE = [one for one in load_all() if one.code]
 
 
 def observed(one: Signature) -> Iterator[Observed]:
@@ -131,7 +131,7 @@ def test_what_stands_alone_knows_the_sentence(one: Signature) -> None:
     alone = matching.read(json.loads(json.dumps(one.as_file)))
     pasted = next(words.sentence(seen) for seen in observed(one) if one.observes(seen))
     (hit,) = matching.matches([alone], matching.Evidence(phase=None, told=(f"{VIOLATION}: {pasted}",)))
-    assert (hit.signature.id, hit.seen) == (one.id, bounded(f"{VIOLATION}: {pasted}"))
+    assert (hit.signature.id, hit.seen) == (one.id, shorten_line(f"{VIOLATION}: {pasted}"))
 
 
 @pytest.mark.parametrize("one", BY_CODE, ids=lambda one: one.id)

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from rich.cells import cell_len
 from rich.console import Console
-from specimens import agrees, quick_document
+from specimens import check_golden, quick_document
 
 from harness.model import Verdict
 from harness.model.report_types import SYMBOLS, word
@@ -36,7 +36,7 @@ def screen(width: int, report: tables.Report | None = None) -> list[str]:
 
 def test_page(tmp_path: Path) -> None:
     """The whole page of a small matrix."""
-    agrees("report.md", page(), tmp_path)
+    check_golden("report.md", page(), tmp_path)
 
 
 def test_page_of_a_stored_document() -> None:

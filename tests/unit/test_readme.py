@@ -67,4 +67,4 @@ def test_files_that_it_names_exist() -> None:
 
 def test_its_tables_are_current() -> None:
     """`simmatrix report --into README.md` would change nothing."""
-    assert readme_blocks.renewed(README, ROOT, report.of_block) == README
+    assert readme_blocks.renewed(README, ROOT, report.render_block) == README

@@ -48,20 +48,20 @@ class World:
 
     def found(self, *wanted: str, **asked: Any) -> list[recommending.Combination]:
         """Return the combinations that work."""
-        return recommending.combinations(self.document, measured_cells.known(self.document), query(*wanted, **asked))
+        return recommending.combinations(self.document, measured_cells.read(self.document), query(*wanted, **asked))
 
     def inferred(self, *wanted: str, **asked: Any) -> list[inferring.Inferred]:
         """Return the inferred combinations."""
-        return inferring.inferred(measured_cells.known(self.document), query(*wanted, **asked))
+        return inferring.infer(measured_cells.read(self.document), query(*wanted, **asked))
 
     def answer(self, *wanted: str, **asked: Any) -> recommended.Recommended:
         """Return the whole answer to a query."""
-        cells = measured_cells.known(self.document)
-        return recommended.recommended(self.document, cells, query(*wanted, **asked), 9, "next")
+        cells = measured_cells.read(self.document)
+        return recommended.build_answer(self.document, cells, query(*wanted, **asked), 9, "next")
 
     def red(self, *wanted: str, **asked: Any) -> list[traps.Red]:
         """Return the measured combinations that do not work."""
-        return traps.red(measured_cells.known(self.document), query(*wanted, **asked))
+        return traps.find_traps(measured_cells.read(self.document), query(*wanted, **asked))
 
 
 def query(*wanted: str, **asked: Any) -> Query:

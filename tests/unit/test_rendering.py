@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import harness
-from harness.devices.egl_rules import ARGUMENT, Choice, Device, Settings, Stage, chosen
+from harness.devices.egl_rules import ARGUMENT, Choice, Device, Settings, Stage, choose_device
 
 ROOT = Path(harness.__file__).parent.parent
 REPORT = ROOT / "reports/robosuite-egl/report.json"
@@ -55,7 +55,7 @@ def compare(cell: dict[str, Any]) -> None:
         settings, library = told(case, environment)
         installed = cell["installed"]
         release = installed["dm-control" if library == "dm_control" else library]
-        choice = chosen(library, release, settings, [Device()], installed.get("mujoco"))
+        choice = choose_device(library, release, settings, [Device()], installed.get("mujoco"))
         assert seen(case) == expected(choice, library, settings)
 
 
@@ -112,22 +112,22 @@ def expected(choice: Choice, library: str, settings: Settings) -> tuple[str, str
 )
 def test_of_several_devices(library: str, release: str, settings: Settings, device: int | None) -> None:
     """A place in EGL's list, by the rule of the library: not CUDA's number where the driver counts otherwise."""
-    assert chosen(library, release, settings, SEVERAL, "3.3.7" if library != "mujoco" else None).device == device
+    assert choose_device(library, release, settings, SEVERAL, "3.3.7" if library != "mujoco" else None).device == device
 
 
 def test_a_device_that_cannot_be_initialised() -> None:
     """MuJoCo goes on to the next one, robosuite does not."""
     devices = [Device(works=False), Device()]
 
-    assert chosen("mujoco", "3.3.7", Settings(), devices).device == 1
+    assert choose_device("mujoco", "3.3.7", Settings(), devices).device == 1
     assert "Cannot initialize a EGL device display" in str(
-        chosen("robosuite", "1.5.2", Settings(), devices, "3.3.7").error
+        choose_device("robosuite", "1.5.2", Settings(), devices, "3.3.7").error
     )
 
 
 def test_no_more_than_ten_devices_are_looked_at() -> None:
     """The eleventh is out of range, and the message counts ten."""
-    found = chosen("mujoco", "3.3.7", Settings(egl="10"), [Device()] * 11)
+    found = choose_device("mujoco", "3.3.7", Settings(egl="10"), [Device()] * 11)
 
     assert found.error == (
         "RuntimeError: The MUJOCO_EGL_DEVICE_ID environment variable must be an integer between 0 and 9 (inclusive),"
@@ -138,4 +138,4 @@ def test_no_more_than_ten_devices_are_looked_at() -> None:
 @pytest.mark.parametrize(("mujoco", "stage"), [("3.2.4", Stage.IMPORT), ("3.2.5", Stage.MAKE)])
 def test_when_it_is_decided(mujoco: str, stage: Stage) -> None:
     """MuJoCo before 3.2.5 opens its display when it is imported, whoever draws."""
-    assert chosen("robosuite", "1.5.0", Settings(egl="7"), SEVERAL, mujoco).stage is stage
+    assert choose_device("robosuite", "1.5.0", Settings(egl="7"), SEVERAL, mujoco).stage is stage

@@ -155,7 +155,7 @@ class TestRecipe:
     def test_a_package_without_a_recipe_is_refused(self) -> None:
         """The message suggests the nearest name."""
         with pytest.raises(ValueError, match=r'^no recipe repairs "gmy"; did you mean "gym"\?$'):
-            overlay_recipes.chosen({"gym": read()}, ("gmy",))
+            overlay_recipes.find_repairs({"gym": read()}, ("gmy",))
 
 
 class TestFitting:
@@ -182,7 +182,7 @@ class TestFitting:
 
     def test_used_are_those_whose_wheel_is_there(self) -> None:
         """A repair counts as used by the hash of its wheel, not by name and version."""
-        assert [one.version for one in overlay_recipes.used(read(), ("0" * 64, "2" * 64))] == ["0.21.0"]
+        assert [one.version for one in overlay_recipes.select_by_hash(read(), ("0" * 64, "2" * 64))] == ["0.21.0"]
 
 
 class TestMending:
@@ -190,7 +190,7 @@ class TestMending:
 
     def test_only_the_named_lines_change(self) -> None:
         """Each line of the field that begins so, whatever follows; requirements and extras come in order."""
-        made = opened(wheel_patch.mended(wheel(), read()[1]))
+        made = opened(wheel_patch.repair_wheel(wheel(), read()[1]))
 
         assert made["gym-0.21.0.dist-info/METADATA"].decode() == (
             "Metadata-Version: 2.1\nName: gym\nVersion: 0.21.0\nRequires-Python: >=3.6\nLicense-File: LICENSE.md\n"
@@ -206,7 +206,7 @@ class TestMending:
 
     def test_its_record_is_right(self) -> None:
         """Every file with hash and size, and itself without; it is the last file, as the standard wants."""
-        made = opened(wheel_patch.mended(wheel(), read()[1]))
+        made = opened(wheel_patch.repair_wheel(wheel(), read()[1]))
         record = "gym-0.21.0.dist-info/RECORD"
         rows = list(csv.reader(made[record].decode().splitlines()))
 
@@ -220,14 +220,14 @@ class TestMending:
     def test_it_is_the_same_to_the_byte(self) -> None:
         """Times, file order and requirement order of a build have no effect; some builds take them from a set."""
         other = wheel(LINES[::-1], day=2, order=-1)
-        made = wheel_patch.mended(wheel(), read()[1])
+        made = wheel_patch.repair_wheel(wheel(), read()[1])
 
-        assert made == wheel_patch.mended(other, read()[1])
+        assert made == wheel_patch.repair_wheel(other, read()[1])
         assert wheel_patch.sha256(made) == "271f04a53041bb8e39899aff00d02db1a7e367054f30645e6c2dd5d70bfa543e"
 
     def test_scripts_stay_executable(self) -> None:
         """Other modes are those of the one who built it, and go."""
-        with zipfile.ZipFile(io.BytesIO(wheel_patch.mended(wheel(), read()[1]))) as archive:
+        with zipfile.ZipFile(io.BytesIO(wheel_patch.repair_wheel(wheel(), read()[1]))) as archive:
             modes = {info.filename: oct(info.external_attr >> 16) for info in archive.infolist()}
 
         assert modes.pop("gym-0.21.0.data/scripts/run") == "0o100755"
@@ -236,7 +236,7 @@ class TestMending:
     def test_an_edit_that_finds_nothing_is_refused(self) -> None:
         """The recipe was written for another wheel."""
         with pytest.raises(wheel_patch.Unrepairable) as caught:
-            wheel_patch.mended(wheel(LINES[:2]), read()[1])
+            wheel_patch.repair_wheel(wheel(LINES[:2]), read()[1])
 
         assert str(caught.value) == (
             "gym 0.21.0: its metadata has no line that begins with `Requires-Dist: opencv-python (>=3.)`"
@@ -245,7 +245,7 @@ class TestMending:
     def test_a_wheel_for_one_machine_is_refused(self) -> None:
         """A compiled wheel is refused, since it cannot have the same hash everywhere."""
         with pytest.raises(wheel_patch.Unrepairable) as caught:
-            wheel_patch.mended(wheel(pure=False), read()[1])
+            wheel_patch.repair_wheel(wheel(pure=False), read()[1])
 
         assert str(caught.value) == "gym 0.21.0: only a wheel that fits every machine can be repaired"
 

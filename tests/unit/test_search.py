@@ -79,7 +79,7 @@ def test_a_long_block_that_cannot_be_tested_is_not_tried_whole() -> None:
 
 def test_several_boundaries_are_noticed_and_told_as_a_chain() -> None:
     """Answers that contradict a single boundary are asked again; where they stand, each boundary is found."""
-    found = boundary(range(40), turning(10, 20, 30), rules=RULES, known={15: [BAD], 25: [GOOD]})
+    found = boundary(range(40), turning(10, 20, 30), rules=RULES, prior_answers={15: [BAD], 25: [GOOD]})
 
     assert [(turn.before, turn.after, turn.was, turn.becomes) for turn in found.chain] == [
         (9, 10, GOOD, BAD),
@@ -95,7 +95,7 @@ def test_several_boundaries_are_noticed_and_told_as_a_chain() -> None:
 def test_one_wrong_answer_is_no_chain() -> None:
     """An answer that is not repeated when it is asked again is taken to be flaky."""
     wrong = {20: [GOOD]}
-    found = boundary(range(40), turning(12), rules=RULES, known=wrong)
+    found = boundary(range(40), turning(12), rules=RULES, prior_answers=wrong)
 
     assert (found.good, found.bad, len(found.chain)) == (11, 12, 1)
 
@@ -121,7 +121,7 @@ def test_other_failures_in_between_are_told_with_their_ends() -> None:
 def test_answers_at_hand_are_not_asked_again() -> None:
     """A search whose answers are all known asks nothing."""
     known = {0: [GOOD], 31: [BAD], 14: [GOOD], 15: [GOOD] * 3, 16: [BAD] * 2}
-    found = boundary(range(32), turning(16), rules=RULES, known=known)
+    found = boundary(range(32), turning(16), rules=RULES, prior_answers=known)
 
     assert (found.good, found.bad) == (15, 16)
     assert all(one.free for one in found.asked)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from builders import asking
+from builders import cell_requiring
 
 from harness.commands import select_cells
 from harness.model import Cell
@@ -18,7 +18,7 @@ from harness.running import shards
 
 def cell(name: str, question: str = "", python: str = "3.11") -> Cell:
     """Return a cell that asks for one package, its own unless another is named."""
-    return asking(question or name, id=f"m/{name}", python=python)
+    return cell_requiring(question or name, id=f"m/{name}", python=python)
 
 
 def labels(split: tuple[tuple[Cell, ...], ...]) -> list[str]:

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 import pytest
-from builders import case, drawn, entry, knowing, record
+from builders import case, entry, make_knowledge, record, render_phase
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
@@ -22,7 +22,7 @@ from harness.reports import document
 from harness.reports.tables import change_effects
 from harness.running import shipped_signatures
 from harness.standalone import silent
-from harness.standalone.silent import Exercised
+from harness.standalone.silent import CaseResult
 
 REPORTS = Path(__file__).parents[2] / "reports"
 TEXT = """
@@ -44,17 +44,17 @@ NAME = "silent:camera-elsewhere"
 
 def known() -> Knowledge:
     """Return the known issues of these tests."""
-    return knowing(*KNOWN)
+    return make_knowledge(*KNOWN)
 
 
 def seen_by(camera: Outcome | None) -> CaseRecord:
     """Return a case that drew by OpenGL, and how its camera check ended, if it ran."""
-    return case("pppp", render=drawn(camera, "off", gl={"api": "egl"}))
+    return case("pppp", render=render_phase(camera, "off", gl={"api": "egl"}))
 
 
-def tried(**changed: object) -> Exercised:
+def tried(**changed: object) -> CaseResult:
     """Return an Ant case that drew, with the changes that a test needs."""
-    usual = Exercised("Ant-v5", "gymnasium", {"single": "passed", "render": "passed"}, {}, opengl=True)
+    usual = CaseResult("Ant-v5", "gymnasium", {"single": "passed", "render": "passed"}, {}, opengl=True)
     return usual._replace(**changed)
 
 
@@ -164,7 +164,7 @@ def spoken_of(one: Signature, tested: CaseEntry) -> bool:
 
 def test_no_committed_green_fits_a_silent_issue_without_saying_so() -> None:
     """Each case that one fits misleads by its check, or says that it is left open, unless the check refuted it."""
-    issues = [one for one in shipped_signatures.known() if one.silent]
+    issues = [one for one in shipped_signatures.load_all() if one.silent]
     fitting = [
         (entry, tested, one)
         for made in committed()
@@ -190,6 +190,6 @@ def test_no_committed_green_fits_a_silent_issue_without_saying_so() -> None:
 
 def test_silent_issues_are_read_apart() -> None:
     """Reading them alone gives what reading all of them gives."""
-    whole = [one.as_file for one in shipped_signatures.known() if one.silent]
+    whole = [one.as_file for one in shipped_signatures.load_all() if one.silent]
     assert len(whole) > 5
     assert [one.as_file for one in shipped_signatures.silent()] == whole

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import builders
 import pytest
-from builders import CHECKS, knowing, signature
+from builders import CHECKS, make_knowledge, signature
 
 from harness.judging.assess import assess
 from harness.model import (
@@ -24,7 +24,7 @@ from harness.model import (
     Verdict,
 )
 from harness.smoke import judging
-from harness.smoke.judging import Kind, Seen
+from harness.smoke.judging import Kind, PhaseResult
 
 CELL = builders.cell(id="m/c")
 (CASE,) = CELL.cases
@@ -52,7 +52,7 @@ def record(cell: Cell = CELL, decisive: str | None = "boom", **outcomes: str) ->
 
 def told(record: CellRecord, phase: str, shown: frozenset[Phase] = EVERYTHING) -> tuple[Kind, str]:
     """Return the kind and the text with which the item of a phase ends."""
-    ended = judging.ended(record.cell, Phase(phase), judging.seen(record), shown, TODAY)
+    ended = judging.judge_phase(record.cell, Phase(phase), judging.collect_phases(record), shown, TODAY)
     return ended.kind, ended.text
 
 
@@ -170,7 +170,9 @@ def test_a_cell_without_an_interpreter_is_skipped_everywhere() -> None:
 def test_which_failures_are_foreseen(cell: Cell, phase: str, line: str | None, expected: bool) -> None:
     """Those of the phase and line expected, and the same again in a later phase, as long as that is expected."""
     assert (
-        judging.foreseen(cell.expect, judging.Seen(phase=Phase(phase), outcome=Outcome.FAILED, line=line), TODAY)
+        judging.is_expected(
+            cell.expect, judging.PhaseResult(phase=Phase(phase), outcome=Outcome.FAILED, line=line), TODAY
+        )
         is expected
     )
 
@@ -180,8 +182,8 @@ def test_a_code_is_foreseen() -> None:
     cell = replace(CELL, expect=Expectation(verdict=Verdict.PARTIAL, reason="known", phase=Phase.VECTOR, code="more"))
     for phase, code, expected in (("vector", "more", True), ("vector", "raised", False), ("render", "more", True)):
         observed = Observed(check="x", code=code)
-        at = judging.Seen(phase=Phase(phase), outcome=Outcome.FAILED, line="other words", observed=observed)
-        assert judging.foreseen(cell.expect, at, TODAY) is expected
+        at = judging.PhaseResult(phase=Phase(phase), outcome=Outcome.FAILED, line="other words", observed=observed)
+        assert judging.is_expected(cell.expect, at, TODAY) is expected
 
 
 @pytest.mark.parametrize(
@@ -221,7 +223,7 @@ def test_a_code_is_foreseen() -> None:
 )
 def test_the_verdict_of_a_cell(found: CellRecord, kind: Kind, text: str) -> None:
     """An unexpected verdict fails, better ones too; what could not be told fails; what is not here is skipped."""
-    ended = judging.judged(assess(found, today=TODAY))
+    ended = judging.judge_cell(assess(found, today=TODAY))
 
     assert (ended.kind, ended.text) == (kind, text)
 
@@ -230,7 +232,9 @@ def test_the_verdict_of_a_cell_that_fails_in_a_known_way() -> None:
     """The failure is expected if its cause is the named one, not another."""
     expect = Expectation(verdict=Verdict.PARTIAL, reason="known", signature="it")
     found = record(replace(CELL, expect=expect), render="failed")
-    same, other = (judging.judged(assess(found, knowing(signature(name, "boom")))) for name in ("it", "that"))
+    same, other = (
+        judging.judge_cell(assess(found, make_knowledge(signature(name, "boom")))) for name in ("it", "that")
+    )
     assert (same.kind, same.text) == (Kind.XFAILED, "partial in render: known")
     assert (other.kind, other.text) == (
         Kind.FAILED,
@@ -258,7 +262,7 @@ def test_the_suite_of_a_subject_needs_an_import(found: CellRecord, expected: tup
     """The suite is skipped as not reached if no case could be imported."""
     subject = Subject(source=".", state="s", suite=Suite())
     found = replace(found, cell=replace(CELL, subject=subject))
-    ended = judging.ended(found.cell, Phase.SUITE, judging.suite_seen(found), EVERYTHING, TODAY)
+    ended = judging.judge_phase(found.cell, Phase.SUITE, judging.collect_suite(found), EVERYTHING, TODAY)
 
     assert (ended.kind, ended.text) == expected
 
@@ -269,25 +273,25 @@ def test_a_suite_without_an_environment_says_why() -> None:
     suite = PhaseRecord(phase=Phase.SUITE, outcome=Outcome.NOT_REACHED, decisive="no swig")
     found = replace(record(cell), suite=suite)
 
-    ended = judging.ended(cell, Phase.SUITE, judging.suite_seen(found), EVERYTHING, TODAY)
+    ended = judging.judge_phase(cell, Phase.SUITE, judging.collect_suite(found), EVERYTHING, TODAY)
 
     assert (ended.kind, ended.text) == (Kind.INCONCLUSIVE, "inconclusive: not run: no swig")
-    assert judging.judged(assess(found, today=TODAY)).kind is Kind.PASSED
+    assert judging.judge_cell(assess(found, today=TODAY)).kind is Kind.PASSED
 
 
 def test_time_is_that_of_this_session() -> None:
     """A reused phase took no time."""
     (case,) = record().cases
     phases = tuple(replace(phase, reused=phase.phase is Phase.RENDER) for phase in case.phases)
-    found = judging.seen(replace(record(), cases=(replace(case, phases=phases),)))
+    found = judging.collect_phases(replace(record(), cases=(replace(case, phases=phases),)))
 
     assert (found[Phase.SINGLE].seconds, found[Phase.RENDER].seconds) == (2.0, 0.0)
-    assert isinstance(found[Phase.RESOLVE], Seen)
+    assert isinstance(found[Phase.RESOLVE], PhaseResult)
 
 
 def misleading(cell: Cell = CELL) -> CellRecord:
     """Return a cell whose picture was drawn by a camera that looks elsewhere."""
-    seen = builders.case("pppp", CASE.id, render=builders.drawn(Outcome.FAILED))
+    seen = builders.case("pppp", CASE.id, render=builders.render_phase(Outcome.FAILED))
     return builders.record(seen, of=cell)
 
 
@@ -300,6 +304,6 @@ def test_a_case_that_misleads_has_not_passed() -> None:
         "misleads: looks elsewhere\nrender.camera failed",
     )
     assert told(misleading(), "single")[0] is Kind.PASSED
-    assert judging.judged(assess(misleading())).kind is Kind.FAILED
+    assert judging.judge_cell(assess(misleading())).kind is Kind.FAILED
     assert told(expected, "render")[0] is Kind.XFAILED
-    assert judging.judged(assess(expected)).kind is Kind.XFAILED
+    assert judging.judge_cell(assess(expected)).kind is Kind.XFAILED

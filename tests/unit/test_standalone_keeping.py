@@ -34,7 +34,7 @@ def log(count: int, *inside: bytes) -> bytes:
 def test_a_short_text_is_kept_as_it_is() -> None:
     """Nothing is left out, nothing added."""
     text = log(10, TRACE % (1, b"wings"))
-    assert keeping.kept(io.BytesIO(text).read) == (text.decode(), len(text), 0)
+    assert keeping.read_excerpt(io.BytesIO(text).read) == (text.decode(), len(text), 0)
 
 
 @pytest.fixture(autouse=True)
@@ -49,7 +49,7 @@ def test_a_long_text_keeps_its_ends_and_its_tracebacks(chunk: int, monkeypatch: 
     """Wherever the pieces end; the same traceback at another line not again and again; a chain stays a chain."""
     monkeypatch.setattr(keeping, "CHUNK", chunk)
     text = log(900, *(TRACE % (n, b"wings") for n in range(40)), TRACE % (3, b"wheels"))
-    kept = keeping.kept(io.BytesIO(text).read)
+    kept = keeping.read_excerpt(io.BytesIO(text).read)
     assert kept.size == len(text)
     assert kept.text.startswith(text[:1000].decode())
     assert kept.text.endswith(text[-1000:].decode())
@@ -58,7 +58,7 @@ def test_a_long_text_keeps_its_ends_and_its_tracebacks(chunk: int, monkeypatch: 
     assert kept.text.count("ValueError: no wheels") == 1
     assert "During handling" in kept.text
     assert abs(kept.size - kept.missing - len(kept.text)) < 200
-    assert telling.told(kept.text).lines[0] == "ValueError: no wheels"
+    assert telling.read_failure(kept.text).lines[0] == "ValueError: no wheels"
 
 
 def test_an_endless_traceback_is_cut() -> None:
@@ -68,13 +68,13 @@ def test_an_endless_traceback_is_cut() -> None:
         + b'  File "a.py", line 3, in recurse\n' * 1000
         + b"RecursionError: x\n\n"
     )
-    kept = keeping.kept(io.BytesIO(log(200) + endless + log(600)).read)
+    kept = keeping.read_excerpt(io.BytesIO(log(200) + endless + log(600)).read)
     assert len(kept.text) < keeping.HEAD + keeping.TAIL + keeping.MIDDLE + keeping.CHUNK
 
 
 def test_lines_without_an_end_are_kept_within_bounds() -> None:
     """A progress bar of many megabytes is one line."""
-    kept = keeping.kept(io.BytesIO(b"\r 10%|##   |" * 5000).read)
+    kept = keeping.read_excerpt(io.BytesIO(b"\r 10%|##   |" * 5000).read)
     assert (kept.size, len(kept.text) < 2 * (keeping.HEAD + keeping.TAIL + keeping.CHUNK)) == (60_000, True)
 
 
@@ -90,4 +90,4 @@ def test_lines_without_an_end_are_kept_within_bounds() -> None:
 )
 def test_whatever_the_bytes_are_there_is_a_text(content: bytes, text: str) -> None:
     """Hurt UTF-8, and what PowerShell redirects."""
-    assert keeping.kept(io.BytesIO(content).read).text == text
+    assert keeping.read_excerpt(io.BytesIO(content).read).text == text

@@ -71,7 +71,7 @@ def test_random_patterns_are_found_all_the_same() -> None:
 def test_known_patterns_are_found_all_the_same() -> None:
     """Known patterns are found in the examples of every signature, whole and with one character lost."""
     chance = random.Random(7)
-    known = [one for one in shipped_signatures.known() if one.wording]
+    known = [one for one in shipped_signatures.load_all() if one.wording]
     texts = [text for one in known for text in one.examples]
     texts += [text[:place] + text[place + 1 :] for text in texts for place in [chance.randrange(len(text))]]
     for one in known:
@@ -103,7 +103,7 @@ def test_literals_of_a_pattern(written: str, expected: list[set[str]]) -> None:
 
 def test_most_known_patterns_have_literals() -> None:
     """Otherwise looking for them first would gain nothing."""
-    known = [str(one.wording) for one in shipped_signatures.known() if one.wording]
+    known = [str(one.wording) for one in shipped_signatures.load_all() if one.wording]
     assert sum(bool(literals.clauses(one)) for one in known) > 0.9 * len(known)
 
 
@@ -117,7 +117,7 @@ def plain(one: signatures.Signature) -> dict[str, object]:
 
 def test_plain_signatures_are_matched_as_typed_ones() -> None:
     """Every example, with what the signature needs installed, asked for, and nothing known."""
-    known = shipped_signatures.known()
+    known = shipped_signatures.load_all()
     read = [matching.read(plain(one)) for one in known]
     arounds = [{}, {"installed": {"numpy": "2.2.6", "gym": "0.26.2"}}, {"requirements": ("numpy<2", "gym>=0.21")}]
     for one in known:

@@ -13,16 +13,16 @@ from harness.reports import document
 from harness.reports.tables import counted_failures
 from harness.running import shipped_signatures
 from harness.standalone import matching
-from harness.standalone.explain.explaining import Explained, Here, explained
+from harness.standalone.explain.explaining import Explanation, Facts, explain_text
 
 ROOT = Path(__file__).parents[2]
 ENOUGH = 0.9
 
 
 @cache
-def known() -> tuple[matching.Known, ...]:
+def known() -> tuple[matching.Signature, ...]:
     """Return the known failures as the standalone code reads them."""
-    return tuple(matching.read(one.as_file) for one in shipped_signatures.known())
+    return tuple(matching.read(one.as_file) for one in shipped_signatures.load_all())
 
 
 def cells() -> Iterator[tuple[Path, CellEntry]]:
@@ -38,7 +38,7 @@ def test_logs_of_what_works_have_neither_failure_nor_cause() -> None:
         if cell.verdict is Verdict.WORKS and cell.evidence:
             for name, text in shipped_signatures.texts(folder / cell.evidence).items():
                 if not name.endswith(".jsonl") and text.strip():
-                    made = explained(text, known())
+                    made = explain_text(text, known())
                     assert (made.told.decisive, made.cause) == (None, None), (cell.id, name)
                     count += 1
     assert count > 100
@@ -46,7 +46,7 @@ def test_logs_of_what_works_have_neither_failure_nor_cause() -> None:
 
 def test_texts_of_what_fails_tell_the_causes_that_cells_have() -> None:
     """The texts of failing cells, with the installed packages, mostly give the known cause; otherwise mostly none."""
-    coded = {str(one.id) for one in shipped_signatures.known() if one.code}  # a log has no word of our own checks
+    coded = {str(one.id) for one in shipped_signatures.load_all() if one.code}  # a log has no word of our own checks
     right = other = 0
     for folder, cell in cells():
         expected = {one.signature for one in counted_failures.counted(cell)} - coded
@@ -59,12 +59,12 @@ def test_texts_of_what_fails_tell_the_causes_that_cells_have() -> None:
     assert right / (right + other) > ENOUGH
 
 
-def made(text: str, cell: CellEntry) -> Explained:
+def made(text: str, cell: CellEntry) -> Explanation:
     """Return the explanation of a cell's text."""
-    return explained(text, known(), Here(installed=cell.installed, python=cell.python))
+    return explain_text(text, known(), Facts(installed=cell.installed, python=cell.python))
 
 
 def said(folder: Path, cell: CellEntry) -> Iterator[str]:
     """Yield the texts that a cell wrote, and the tracebacks of its replies."""
     if cell.evidence and cell.phase:
-        yield from failure_texts.written(shipped_signatures.texts(folder / cell.evidence), cell.phase)
+        yield from failure_texts.extract_texts(shipped_signatures.texts(folder / cell.evidence), cell.phase)

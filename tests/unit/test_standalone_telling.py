@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from builders import known
+from builders import standalone_signature
 
 from harness.standalone import matching
 from harness.standalone.explain import explaining, hinting, telling
-from harness.standalone.explain.explaining import Here
+from harness.standalone.explain.explaining import Facts
 
 TRACE = """\
 Traceback (most recent call last):
@@ -160,7 +160,7 @@ So, because lab depends on robotics (1.3), version solving failed.
 )
 def test_what_is_told(text: str, decisive: str, phase: str | None) -> None:
     """Of every kind of text the line that a person would quote, and where it failed."""
-    told = telling.told(text)
+    told = telling.read_failure(text)
     assert (told.decisive, told.phase, told.failed) == (decisive, phase, True)
 
 
@@ -181,13 +181,13 @@ def test_what_is_told(text: str, decisive: str, phase: str | None) -> None:
 )
 def test_a_traceback_is_seen_through_what_stands_around_it(changed) -> None:
     """Line ends, prefixes of workers and services, colours, progress bars, other output."""
-    assert telling.told(changed(TRACE)).decisive == "ValueError: no wings"
+    assert telling.read_failure(changed(TRACE)).decisive == "ValueError: no wings"
 
 
 def test_what_pytest_prints_is_a_failure() -> None:
     """Its marks before each line are no part of it."""
     text = "    def test_it():\n>       fly()\nE       ValueError: no wings\n\ntest_it.py:3: ValueError\n"
-    assert telling.told(text).decisive == "ValueError: no wings"
+    assert telling.read_failure(text).decisive == "ValueError: no wings"
 
 
 @pytest.mark.parametrize(
@@ -205,9 +205,9 @@ def test_what_pytest_prints_is_a_failure() -> None:
 )
 def test_where_nothing_failed_that_is_said(text: str) -> None:
     """An honest answer to a log of something that went well."""
-    told = telling.told(text)
+    told = telling.read_failure(text)
     assert (told.failed, told.decisive) == (False, None)
-    assert explaining.explained(text, [KNOWN]).diagnoses == ()
+    assert explaining.explain_text(text, [KNOWN]).diagnoses == ()
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_where_nothing_failed_that_is_said(text: str) -> None:
 )
 def test_what_killed_a_process(text: str, name: str | None) -> None:
     """The signal is read from the words of Python, of shells and of subprocess."""
-    assert telling.told(text).signal == name
+    assert telling.read_failure(text).signal == name
 
 
 # --- hints -----------------------------------------------------------------------------------------------------
@@ -256,35 +256,35 @@ def test_versions_are_told_in_passing(text: str, python: str | None, packages: d
 # --- known causes ----------------------------------------------------------------------------------------------
 
 
-KNOWN = known("wings", "no wings")
-BROAD = known("broad", "no wings", generic=True, packages=["gym>=0.26"])
-ECHO = known("echo", "ConnectionResetError", masks=True, generic=True, phases=["vector"])
-MODEL = known("model", "no such model", packages=["arms<2"])
-KILLED = known("killed", None, signal="SIGSEGV", packages=["arms"])
+KNOWN = standalone_signature("wings", "no wings")
+BROAD = standalone_signature("broad", "no wings", generic=True, packages=["gym>=0.26"])
+ECHO = standalone_signature("echo", "ConnectionResetError", masks=True, generic=True, phases=["vector"])
+MODEL = standalone_signature("model", "no such model", packages=["arms<2"])
+KILLED = standalone_signature("killed", None, signal="SIGSEGV", packages=["arms"])
 
 
-def named(text: str, *those: matching.Known, **here: object) -> list[str]:
+def named(text: str, *those: matching.Signature, **here: object) -> list[str]:
     """Return the ids of the failures recognised in a text."""
-    return [hit.signature.id for hit in explaining.explained(text, those, Here(**here)).diagnoses]  # type: ignore[arg-type]
+    return [hit.signature.id for hit in explaining.explain_text(text, those, Facts(**here)).diagnoses]  # type: ignore[arg-type]
 
 
 def test_the_deepest_cause_comes_first_and_its_mask_last() -> None:
     """The worker's exception goes before what its parent saw."""
     assert named(CHAIN, ECHO, MODEL) == ["model", "echo"]
-    assert explaining.explained(CHAIN, [ECHO]).cause is None
+    assert explaining.explain_text(CHAIN, [ECHO]).cause is None
 
 
 def test_a_failure_that_hides_others_counts_where_nothing_is_behind_it() -> None:
     """But a process that only saw another die knows nothing."""
-    hides = known("hides", "no wings", masks=True)
-    assert explaining.explained(TRACE, [hides]).cause is not None
-    assert explaining.explained(CHAIN.replace("OSError", "EOFError"), [ECHO]).cause is None
-    assert explaining.explained("no wings\n\n" + TRACE.replace("no wings", "no wheels"), [hides]).cause is None
+    hides = standalone_signature("hides", "no wings", masks=True)
+    assert explaining.explain_text(TRACE, [hides]).cause is not None
+    assert explaining.explain_text(CHAIN.replace("OSError", "EOFError"), [ECHO]).cause is None
+    assert explaining.explain_text("no wings\n\n" + TRACE.replace("no wings", "no wheels"), [hides]).cause is None
 
 
 def test_a_trouble_of_the_machine_is_no_package_s() -> None:
     """Trouble of the machine is not called an unknown failure of a package."""
-    made = explaining.explained("OSError: [Errno 28] No space left on device\n", [])
+    made = explaining.explain_text("OSError: [Errno 28] No space left on device\n", [])
     assert [(check, level) for check, level, _ in made.findings] == [("machine", "warning")]
 
 
@@ -298,15 +298,15 @@ def test_a_broad_cause_needs_its_packages() -> None:
     assert named(TRACE, BROAD, installed={"gym": "0.26.2"}) == ["broad"]
     assert named(TRACE, BROAD, installed={"gym": "0.21.0"}) == []
     assert named("gym==0.21.0\n" + TRACE, BROAD) == []
-    made = explaining.explained(TRACE, [BROAD])
+    made = explaining.explain_text(TRACE, [BROAD])
     assert [hit.signature.id for hit in made.diagnoses] == ["broad"]
     assert made.findings[0][2] == "the text does not tell versions: this is the cause if `gym>=0.26` is installed"
 
 
 def test_two_broad_causes_are_only_possible() -> None:
     """Two broad causes stay possible, since a text without versions cannot decide between them."""
-    other = known("other", "no wings", generic=True, packages=["gym<0.26"])
-    made = explaining.explained(TRACE, [BROAD, other])
+    other = standalone_signature("other", "no wings", generic=True, packages=["gym<0.26"])
+    made = explaining.explain_text(TRACE, [BROAD, other])
     assert (made.diagnoses, [check for check, _, _ in made.findings]) == ((), ["possible", "possible"])
 
 
@@ -320,23 +320,23 @@ def test_a_signal_alone_needs_its_packages() -> None:
 
 def test_another_python_speaks_against_a_cause() -> None:
     """A cause for another Python is dropped, as far as the text or the caller tells the version."""
-    older = known("older", "no wings", python="<3.10")
-    exact = known("exact", "no wings", python=">=3.10.5")
+    older = standalone_signature("older", "no wings", python="<3.10")
+    exact = standalone_signature("exact", "no wings", python=">=3.10.5")
     assert named(TRACE, older, exact) == ["exact"]
     assert named(TRACE, older, exact, installed={}, python="3.10.2") == []
 
 
 def test_what_a_log_mentions_is_no_cause_of_an_exception() -> None:
     """A notice that stands in the same log is told besides."""
-    notice = known("notice", "is unmaintained")
-    made = explaining.explained("gym is unmaintained\n" + TRACE, [notice])
+    notice = standalone_signature("notice", "is unmaintained")
+    made = explaining.explain_text("gym is unmaintained\n" + TRACE, [notice])
     assert (made.diagnoses, made.findings[0][0]) == ((), "besides")
     assert named("gym is unmaintained\n" + TRACE, notice, KNOWN) == ["wings"]
 
 
 def test_what_a_log_mentions_counts_behind_a_mask() -> None:
     """A line that hides why is no reason to pass over what was written before it; a mask in passing hides nothing."""
-    hides = known("hides", "no context", masks=True)
+    hides = standalone_signature("hides", "no context", masks=True)
     raised = "Traceback (most recent call last):\n  File 'x.py', line 1, in <module>\nRuntimeError: {}\n"
 
     assert named("warning: no wings\n" + raised.format("no context"), KNOWN, hides) == ["wings", "hides"]
@@ -345,21 +345,23 @@ def test_what_a_log_mentions_counts_behind_a_mask() -> None:
 
 def test_a_log_of_what_went_well_has_no_cause() -> None:
     """Though it mentions what is known; a line alone is looked up."""
-    notice = known("notice", "is unmaintained")
+    notice = standalone_signature("notice", "is unmaintained")
     assert named("gym is unmaintained\n", notice) == ["notice"]
     assert named("gym is unmaintained\n" + "Episode 1: reward 2\n" * 9, notice) == []
-    wordless = explaining.explained("gym is unmaintained\n" + "Episode 1: reward 2\n" * 9, [notice], Here(failed=True))
+    wordless = explaining.explain_text(
+        "gym is unmaintained\n" + "Episode 1: reward 2\n" * 9, [notice], Facts(failed=True)
+    )
     assert (wordless.diagnoses, wordless.findings[0][0]) == ((), "besides")
 
 
 def test_a_pattern_over_frames_belongs_to_their_exception() -> None:
     """It says where, and the exception says what."""
-    assert named(TRACE, known("frames", r'gym/core\.py", line \d+, in step')) == ["frames"]
+    assert named(TRACE, standalone_signature("frames", r'gym/core\.py", line \d+, in step')) == ["frames"]
 
 
 def test_what_is_installed_does_not_speak_against_what_is_being_installed() -> None:
     """The package that cannot be built is not there yet."""
-    missing = known("missing", "No module named 'pkg_resources'", packages=["box2d"], phases=["install"])
+    missing = standalone_signature("missing", "No module named 'pkg_resources'", packages=["box2d"], phases=["install"])
     assert named(PIP_BUILD, missing, installed={"numpy": "1.26.4"}, asked=("box2d==2.3",)) == ["missing"]
     assert named(PIP_BUILD, missing, installed={"numpy": "1.26.4"}) == ["missing"]
 
@@ -367,7 +369,7 @@ def test_what_is_installed_does_not_speak_against_what_is_being_installed() -> N
 def test_a_failure_that_came_after_another_is_told() -> None:
     """The known one is not the last that failed."""
     text = TRACE + "\n" + TRACE.replace("no wings", "no wheels")
-    made = explaining.explained(text, [KNOWN])
+    made = explaining.explain_text(text, [KNOWN])
     assert [hit.signature.id for hit in made.diagnoses] == ["wings"]
     assert made.findings[0][2].endswith("a failure of its own: ValueError: no wheels")
 
@@ -378,17 +380,17 @@ def test_measured_cells_are_named() -> None:
         {"id": "m/a", "causes": ["wings"], "decisive": "x", "requirements": ["gym==1"]},
         {"id": "m/b", "causes": [], "decisive": "ValueError: no wings", "requirements": ["gym==2"]},
     ]
-    assert explaining.explained(TRACE, [KNOWN], Here(measured={"cells": cells})).findings == (
+    assert explaining.explain_text(TRACE, [KNOWN], Facts(measured={"cells": cells})).findings == (
         ("measured", "note", "measured here, too: m/a (gym==1)"),
     )
-    assert explaining.explained(TRACE, [], Here(measured={"cells": cells})).findings == (
+    assert explaining.explain_text(TRACE, [], Facts(measured={"cells": cells})).findings == (
         ("measured", "note", "measured here, too: m/b (gym==2)"),
     )
 
 
 def test_the_document_is_that_of_the_contract() -> None:
     """`schema`, `decisive`, `diagnoses`, `findings`, and the phase."""
-    made = explaining.explained(TRACE, [KNOWN]).plain()
+    made = explaining.explain_text(TRACE, [KNOWN]).plain()
     assert made["decisive"] == "ValueError: no wings"
     assert made["phase"] == "single"
     assert made["diagnoses"] == [

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from builders import known
+from builders import standalone_signature
 
 from harness.standalone import matching, remedies
 from harness.standalone.explain import explaining, wording
-from harness.standalone.explain.explaining import Here
+from harness.standalone.explain.explaining import Facts
 from harness.standalone.explain.wording import Place
 
 TRACE = 'Traceback (most recent call last):\n  File "/e/lib/python3.9/site-packages/gym/a.py", line 5, in step\n'
 REMEDY = {"requirements": ["numpy<2"], "environment": {"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": ""}, "text": "or wait"}
 
 
-def wings(remedy: dict[str, object], **more: object) -> matching.Known:
+def wings(remedy: dict[str, object], **more: object) -> matching.Signature:
     """Return a known failure."""
     links = ["https://example.org/1"]
-    return known("wings", **{"cause": "it has none", "remedy": remedy, "references": links, **more})
+    return standalone_signature("wings", **{"cause": "it has none", "remedy": remedy, "references": links, **more})
 
 
-def said(text: str, place: Place, *those: matching.Known, **here: object) -> list[str]:
+def said(text: str, place: Place, *those: matching.Signature, **here: object) -> list[str]:
     """Return the lines that `explain` prints about a text."""
-    return list(wording.lines(explaining.explained(text, those, Here(**here)), place))  # type: ignore[arg-type]
+    return list(wording.lines(explaining.explain_text(text, those, Facts(**here)), place))  # type: ignore[arg-type]
 
 
 def test_a_known_cause() -> None:

@@ -171,9 +171,9 @@ def test_mistakes_are_one_sentence(text: str, sentence: str) -> None:
 # --- what is resolved for it -----------------------------------------------------------------------------------
 
 
-def ready(*requires: str, groups: dict[str, list[object]] | None = None) -> package_under_test.Ready:
+def ready(*requires: str, groups: dict[str, list[object]] | None = None) -> package_under_test.SubjectWheel:
     """Return the wheel of a package `own` with these requirements."""
-    return package_under_test.Ready(
+    return package_under_test.SubjectWheel(
         path=Path("own-1.0-py3-none-any.whl"),
         tested=model.Tested(name="own", version="1.0", sha256="0", content="0"),
         requires=requires,
@@ -197,7 +197,9 @@ OWN = ready(
 
 def asked(subject: Subject, question: Question | None = None) -> Question:
     """Return the question that is resolved for the package `own`."""
-    return package_under_test.completed(question or Question(requirements=("numpy==1.26.4",)), subject, OWN, PYTHON)
+    return package_under_test.complete_question(
+        question or Question(requirements=("numpy==1.26.4",)), subject, OWN, PYTHON
+    )
 
 
 @pytest.mark.parametrize(
@@ -295,7 +297,7 @@ def test_what_was_installed_is_taken_out_of_the_copy(tmp_path: Path) -> None:
         (copy / name).parent.mkdir(parents=True, exist_ok=True)
         (copy / name).write_text(text)
 
-    own_suites.without(copy, replace(OWN, path=tmp_path / "own-1.0-py3-none-any.whl"))
+    own_suites.remove_modules(copy, replace(OWN, path=tmp_path / "own-1.0-py3-none-any.whl"))
 
     assert sorted(path.relative_to(copy).as_posix() for path in copy.rglob("*.py")) == [
         "examples/own/__init__.py",
@@ -311,9 +313,9 @@ def test_a_moved_pin_is_told() -> None:
     """A package of the cell that the tests' lock holds at another version, or not at all, is named."""
     cell_lock = locked(numpy="2.1.0", new="2", jax="1")
 
-    assert own_suites.moved(cell_lock, locked(numpy="2.1.0", new="2", jax="1", pytest="8")) is None
+    assert own_suites.describe_version_changes(cell_lock, locked(numpy="2.1.0", new="2", jax="1", pytest="8")) is None
     assert (
-        own_suites.moved(cell_lock, locked(numpy="1.26.4", jax="1"))
+        own_suites.describe_version_changes(cell_lock, locked(numpy="1.26.4", jax="1"))
         == "the tests ask for numpy 1.26.4 instead of 2.1.0, new gone instead of 2"
     )
 

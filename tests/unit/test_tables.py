@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 from builders import GENERATED, HERE, MACHINES, case, record
-from specimens import agrees, quick, quick_document
+from specimens import check_golden, quick, quick_document
 
 from harness.model import Plan, Verdict
 from harness.model.errors import BadInput
@@ -21,7 +21,7 @@ def test_everything_regrouped(tmp_path: Path) -> None:
     """The whole of a small matrix: list, pivot, explanations, findings, what was left out, locks, machines."""
     regrouped = msgspec.json.format(msgspec.json.encode(tables.report(quick_document())), indent=1).decode() + "\n"
 
-    agrees("tables.json", regrouped, tmp_path)
+    check_golden("tables.json", regrouped, tmp_path)
 
 
 def test_every_cell_has_a_row() -> None:

@@ -36,4 +36,4 @@ def test_what_is_only_documented_is_in_the_page() -> None:
     """A fault that no mechanism can hold names a heading of the page."""
     headings = set(re.findall(r"(?m)^#+ (.+)$", PAGE))
 
-    assert {fault.documented for fault in faults.declared() if fault.documented} <= headings
+    assert {fault.documented for fault in faults.load_faults() if fault.documented} <= headings

@@ -13,9 +13,9 @@ from harness.model.errors import BadInput
 from harness.model.vocabulary import APIS, api_of, checks_of
 
 
-def asked(*requirements: str, python: str = "3.11", **more: Any) -> plan.Asked:
+def asked(*requirements: str, python: str = "3.11", **more: Any) -> plan.TrialOptions:
     """Return the request that a command line makes."""
-    return plan.Asked(requirements=requirements, python=python, **more)
+    return plan.TrialOptions(requirements=requirements, python=python, **more)
 
 
 def cases(*requirements: str, **more: Any) -> list[tuple[str, str | None]]:
@@ -286,7 +286,7 @@ def test_ids_of_cases_stay_distinct() -> None:
         ),
     ],
 )
-def test_mistakes_name_the_option(wrong: plan.Asked, sentence: str) -> None:
+def test_mistakes_name_the_option(wrong: plan.TrialOptions, sentence: str) -> None:
     """A mistake on the command line is told with the option that holds it."""
     with pytest.raises(BadInput) as error:
         plan.single(wrong)

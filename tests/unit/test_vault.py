@@ -11,7 +11,7 @@ from readings import CASE, GOOD, HERE, lines, passed
 
 from harness.model.hostile_data import Unreadable
 from harness.probes.evidence import LOG, REPLY, ProbeRun, Request
-from harness.probes.vault import Vault, kept
+from harness.probes.vault import Vault, keep_files
 
 KEY = "0123456789abcdef0123456789abcdef"
 REQUEST = Request(case=CASE, limits={"import.modules": 120.0})
@@ -25,7 +25,7 @@ def run(vault: Vault, text: bytes = b"hello\n", **files: bytes) -> ProbeRun:
         program={"import.modules": "a"},
         end=GOOD,
         host=HERE,
-        files=kept(vault, texts),
+        files=keep_files(vault, texts),
         measured="2026-11-23T12:00:00Z",
     )
 

@@ -4,7 +4,7 @@ import itertools
 from dataclasses import replace
 
 import pytest
-from builders import CHECKS, LETTERS, case, cell, drawn, phase, plain, record, step, warning
+from builders import CHECKS, LETTERS, case, cell, phase, plain, record, render_phase, step, warning
 
 from harness.judging import expectation
 from harness.judging.assess import Assessed, assess
@@ -496,7 +496,7 @@ CAMERA = Case(id="Ant-v5", env="Ant-v5", api="gymnasium", checks=(*CHECKS.values
 
 def seen_by(camera: Outcome, *, single: Outcome = Outcome.PASSED) -> CaseRecord:
     """Return a case that drew a picture, with this outcome of its camera check."""
-    picture = drawn(camera, "lookat is (0.55, 0.55, 0.55)")
+    picture = render_phase(camera, "lookat is (0.55, 0.55, 0.55)")
     render = replace(picture, outcome=worst(one.outcome for one in misleading.settled(picture.checks)))
     ended = phase(Phase.SINGLE, single, None if single is Outcome.PASSED else "no reset")
     return case("pppp", "Ant-v5", single=ended, render=render)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from builders import case, drawn, knowing, record, signature, step
+from builders import case, make_knowledge, record, render_phase, signature, step
 
 from harness.judging.assess import assess
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.rootcause.bench import Trial
-from harness.rootcause.bisection.predicate import Predicate, failing
-from harness.rootcause.repair.lab import ended, further, passes, weaker
+from harness.rootcause.bisection.predicate import Predicate, has_package_failure
+from harness.rootcause.repair.lab import describe_result, fails_further, find_lost_check, passes
 from harness.rootcause.search import Answer
 
 
@@ -40,24 +40,24 @@ def test_weaker(before: str, after: str, why: str | None) -> None:
     """Checks that failed or passed before must pass; those never reached before may be unavailable."""
     one, other = trial(case(before)), trial(case(after))
     assert other.works
-    assert weaker(one, other) == why
+    assert find_lost_check(one, other) == why
 
 
 def test_a_case_that_is_gone_is_a_weaker_test() -> None:
     """A missing case makes the test weaker, however well the others do."""
     before, after = trial(case("pfnn"), case("pppp", "hopper")), trial(case("pppp"))
-    assert weaker(before, after) == "import.modules of hopper was passed before and is not_reached now"
+    assert find_lost_check(before, after) == "import.modules of hopper was passed before and is not_reached now"
 
 
 def test_further() -> None:
     """Another failure counts as one behind the first only where it is not met earlier."""
     single, vector, render = trial(case("pfnn")), trial(case("ppfp")), trial(case("pppf"))
-    assert further(single, vector)
-    assert further(vector, render)
-    assert not further(vector, single)
-    assert not further(single, trial(case("pfnn")))
-    assert not further(single, trial(case("pppp")))
-    assert not further(single, trial(case("pinn")))
+    assert fails_further(single, vector)
+    assert fails_further(vector, render)
+    assert not fails_further(vector, single)
+    assert not fails_further(single, trial(case("pfnn")))
+    assert not fails_further(single, trial(case("pppp")))
+    assert not fails_further(single, trial(case("pinn")))
 
 
 def test_passing_up_to_a_phase() -> None:
@@ -67,7 +67,7 @@ def test_passing_up_to_a_phase() -> None:
     assert passes(trial(case("pnnn")), Phase.IMPORT)
     assert not passes(trial(case("pfnn")), Phase.SINGLE)
     assert not passes(trial(install=unasked), Phase.INSTALL)
-    assert (ended(trial(case("pnnn")), Phase.IMPORT), ended(trial(case("pfnn")), Phase.SINGLE)) == (
+    assert (describe_result(trial(case("pnnn")), Phase.IMPORT), describe_result(trial(case("pfnn")), Phase.SINGLE)) == (
         "passes import",
         "broken in single",
     )
@@ -78,13 +78,13 @@ def test_passing_up_to_a_phase() -> None:
 
 def seen_by(camera: Outcome) -> Trial:
     """Return a cell that drew a picture, with this outcome of its camera check."""
-    return trial(case("pppp", render=drawn(camera)))
+    return trial(case("pppp", render=render_phase(camera)))
 
 
 def doubtful() -> Trial:
     """Return a cell that works but for a silent issue that no check has refuted."""
     lurks = signature("camera-elsewhere", None, silent=True, packages=["gymnasium"], check="render.camera")
-    return Trial(assessed=assess(record(case("pppp")), knowing(lurks)), failure=None, seconds=1.0, at_hand=False)
+    return Trial(assessed=assess(record(case("pppp")), make_knowledge(lurks)), failure=None, seconds=1.0, at_hand=False)
 
 
 def test_what_misleads_is_no_cure_and_has_to_be_shown_right() -> None:
@@ -93,10 +93,12 @@ def test_what_misleads_is_no_cure_and_has_to_be_shown_right() -> None:
 
     assert before.assessed.verdict is Verdict.MISLEADS
     assert not before.works
-    assert failing(before)
-    assert weaker(before, seen_by(Outcome.PASSED)) is None
-    assert weaker(before, seen_by(Outcome.SKIPPED)) == "render.camera of ant was failed before and is skipped now"
-    assert weaker(seen_by(Outcome.PASSED), seen_by(Outcome.SKIPPED)) is None
+    assert has_package_failure(before)
+    assert find_lost_check(before, seen_by(Outcome.PASSED)) is None
+    assert (
+        find_lost_check(before, seen_by(Outcome.SKIPPED)) == "render.camera of ant was failed before and is skipped now"
+    )
+    assert find_lost_check(seen_by(Outcome.PASSED), seen_by(Outcome.SKIPPED)) is None
 
 
 def test_what_is_only_not_refuted_is_no_cure() -> None:
@@ -104,7 +106,7 @@ def test_what_is_only_not_refuted_is_no_cure() -> None:
     assert doubtful().assessed.verdict is Verdict.WORKS
     assert not doubtful().works
     assert doubtful().doubtful
-    assert not failing(doubtful())
+    assert not has_package_failure(doubtful())
 
 
 def test_a_bisection_asks_for_the_same_misleading() -> None:

@@ -70,7 +70,7 @@ def test_sentences(observed: Observed, sentence: str) -> None:
         return
     assert re.search(words.wording(observed.code), sentence)
     wanted = {name: _exactly(value) for name, value in words.values(observed).items()}
-    assert words.met(observed.code, wanted, observed)
+    assert words.contains(observed.code, wanted, observed)
     assert re.search(words.sentence_pattern(observed.code, wanted), sentence)
 
 
@@ -100,7 +100,7 @@ def _exactly(value: Any) -> Any:
 def test_whatever_a_cell_writes_has_words(observed: Observed) -> None:
     """An unknown code, data that are missing and data of another kind: some text, and no exception."""
     assert words.sentence(observed)
-    assert not words.met("render.blank", {}, observed)
+    assert not words.contains("render.blank", {}, observed)
 
 
 def test_an_observation_within_itself_ends() -> None:
@@ -133,7 +133,7 @@ def test_a_long_sentence_keeps_its_ends() -> None:
 def test_conditions(wanted: dict[str, Any], *, fits: bool) -> None:
     """A text is an expression for all of a value; in a sentence it stands in the value's place."""
     observed = seen("render.shape", got="(480, 720, 4)", promised="(height, width, 3)")
-    assert words.met("render.shape", wanted, observed) is fits
+    assert words.contains("render.shape", wanted, observed) is fits
     if {"other"} != wanted.keys() and not isinstance(wanted.get("got"), dict):
         assert bool(re.search(words.sentence_pattern("render.shape", wanted), words.sentence(observed))) is fits
 
@@ -142,14 +142,14 @@ def test_conditions_of_tables_and_of_what_is_within() -> None:
     """A table has conditions of its own, of the phrases that fit it; an exception of ours is looked into."""
     wanted = {"setting": "X=.*", "got": {"api": "osmesa"}}
     drew = seen("device.other", promised="1", setting="X=1", got={"api": "osmesa"})
-    assert words.met("device.other", wanted, drew)
+    assert words.contains("device.other", wanted, drew)
     assert re.search(words.sentence_pattern("device.other", wanted), words.sentence(drew))
     egl = seen("device.other", promised="1", setting="X=1", got={"index": 0, "by": "nothing"})
-    assert not words.met("device.other", wanted, egl)
+    assert not words.contains("device.other", wanted, egl)
     assert not re.search(words.sentence_pattern("device.other", wanted), words.sentence(egl))
     within = seen("raised", raised=NESTED)
-    assert words.met("render.blank", {}, within)
-    assert words.met("raised", {}, within)
+    assert words.contains("render.blank", {}, within)
+    assert words.contains("raised", {}, within)
 
 
 @pytest.mark.parametrize(
@@ -176,7 +176,7 @@ def test_conditions_of_tables_and_of_what_is_within() -> None:
 )
 def test_a_line_is_recognised(line: str, code: str, data: dict[str, str]) -> None:
     """By the template that has most of it, with the data that are no tables; and it is then found again."""
-    assert words.recognised(line) == (code, data)
+    assert words.recognise(line) == (code, data)
     assert re.search(words.sentence_pattern(code, data), line)
 
 
@@ -193,12 +193,12 @@ def test_a_line_is_recognised(line: str, code: str, data: dict[str, str]) -> Non
 )
 def test_no_line_of_a_library_is_recognised(line: str) -> None:
     """A line of a library, or a truncated line, is not recognised."""
-    assert words.recognised(line) is None
+    assert words.recognise(line) is None
 
 
 def test_numbers_are_looked_for_as_they_are_written() -> None:
     """A number in the data is matched in the format that the template gives it."""
     told = seen("solver.differs", steps=5, gap=0.123456, largest=2.0)
     assert re.search(words.sentence_pattern("solver.differs", {"gap": 0.123456}), words.sentence(told))
-    assert words.met("solver.differs", {"gap": 0.123456}, told)
-    assert not words.met("solver.differs", {"steps": 5.0}, told)
+    assert words.contains("solver.differs", {"gap": 0.123456}, told)
+    assert not words.contains("solver.differs", {"steps": 5.0}, told)

@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from harness.standalone.wrapping import width, wrapped
+from harness.standalone.wrapping import width, wrap_lines
 
 COMMAND = "next:      python -m pip install " + " ".join(f"package-{number}==1.0" for number in range(12))
 SENTENCE = "cause:     " + " ".join(f"word-{number}" for number in range(30))
@@ -14,7 +14,7 @@ SENTENCE = "cause:     " + " ".join(f"word-{number}" for number in range(30))
 
 def test_sentences_are_broken_between_words() -> None:
     """They go on below the text, no word is cut or lost."""
-    lines = list(wrapped([SENTENCE], 80))
+    lines = list(wrap_lines([SENTENCE], 80))
     assert len(lines) > 1
     assert max(map(len, lines)) <= 80
     assert all(line.startswith(" " * 11) for line in lines[1:])
@@ -23,13 +23,13 @@ def test_sentences_are_broken_between_words() -> None:
 
 def test_what_is_copied_stays_on_one_line() -> None:
     """A command that was broken could not be pasted."""
-    assert list(wrapped([COMMAND], 80)) == [COMMAND]
+    assert list(wrap_lines([COMMAND], 80)) == [COMMAND]
 
 
 def test_a_file_is_not_wrapped(monkeypatch: pytest.MonkeyPatch) -> None:
     """Unless COLUMNS says how wide it is meant to be."""
     monkeypatch.delenv("COLUMNS", raising=False)
     assert width(io.StringIO()) is None
-    assert list(wrapped([SENTENCE], None)) == [SENTENCE]
+    assert list(wrap_lines([SENTENCE], None)) == [SENTENCE]
     monkeypatch.setenv("COLUMNS", "72")
     assert width(io.StringIO()) == 72

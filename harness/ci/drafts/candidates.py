@@ -35,58 +35,58 @@ def read(facts: Mapping[str, Any]) -> tuple[tuple[Candidate, ...], tuple[tuple[s
     """Read the answer of a cell: environments, and failed imports with reasons. Skip entries of another shape."""
     listed, failed = facts.get("environments"), facts.get("failed")
     plain = [each for each in listed[:MOST] if isinstance(each, dict)] if isinstance(listed, list) else []
-    found = [_candidate({name: str(value)[:LONGEST] for name, value in each.items()}) for each in plain]
+    candidates = [_candidate({name: str(value)[:LONGEST] for name, value in each.items()}) for each in plain]
     troubles = failed.items() if isinstance(failed, dict) else ()
     return (
-        tuple(each for each in found if each.env and each.api in APIS),
+        tuple(each for each in candidates if each.env and each.api in APIS),
         tuple((str(module)[:LONGEST], str(why)[:LONGEST]) for module, why in troubles),
     )
 
 
-def _candidate(told: Mapping[str, str]) -> Candidate:
-    module, entry = told.get("module", ""), told.get("entry", "")
-    loop = told.get("api") == "pettingzoo"
+def _candidate(fields: Mapping[str, str]) -> Candidate:
+    module, entry = fields.get("module", ""), fields.get("entry", "")
+    loop = fields.get("api") == "pettingzoo"
     return Candidate(
-        env=told.get("env", ""),
-        api=told.get("api", ""),
+        env=fields.get("env", ""),
+        api=fields.get("api", ""),
         place=module if loop else entry.partition(":")[0] or module,
         entry=entry,
-        lacking=told.get("lacking", ""),
+        lacking=fields.get("lacking", ""),
         imports=() if loop or not module else (module,),
     )
 
 
-def chosen_order(found: Iterable[Candidate]) -> list[Candidate]:
+def chosen_order(candidates: Iterable[Candidate]) -> list[Candidate]:
     """Return the newest version of each candidate in the order of trials: one of each class first, then the rest.
 
     Without that, three of a first matrix would be three variants of one task.
     """
     newest: dict[tuple[str, str], Candidate] = {}
-    for each in found:
+    for each in candidates:
         name = VERSION.match(each.env)
         key = (each.api, name[1] if name else each.env)
-        kept = newest.get(key)
-        if kept is None or _number(each.env) > _number(kept.env):
+        previous = newest.get(key)
+        if previous is None or _number(each.env) > _number(previous.env):
             newest[key] = each
-    known = list(newest.values())
-    if any(VERSION.match(each.place) for each in known if each.api == "pettingzoo"):
-        known = [each for each in known if each.api != "pettingzoo" or VERSION.match(each.place)]
+    latest = list(newest.values())
+    if any(VERSION.match(each.place) for each in latest if each.api == "pettingzoo"):
+        latest = [each for each in latest if each.api != "pettingzoo" or VERSION.match(each.place)]
     first: dict[str, Candidate] = {}
-    for each in known:
+    for each in latest:
         first.setdefault(each.entry or each.env, each)
     heads = list(first.values())
-    return [*_spread(heads), *(each for each in known if each not in heads)]
+    return [*_spread(heads), *(each for each in latest if each not in heads)]
 
 
 def _number(env: str) -> int:
-    found = VERSION.match(env)
-    return int(found[2]) if found else -1
+    version = VERSION.match(env)
+    return int(version[2]) if version else -1
 
 
-def _spread(known: Sequence[Candidate]) -> list[Candidate]:
+def _spread(candidates: Sequence[Candidate]) -> list[Candidate]:
     """Return candidates of different modules first, in turns."""
     by_place: dict[str, list[Candidate]] = {}
-    for each in known:
+    for each in candidates:
         by_place.setdefault(each.place, []).append(each)
     rounds = max(map(len, by_place.values()), default=0)
     return [group[at] for at in range(rounds) for group in by_place.values() if at < len(group)]

@@ -32,5 +32,5 @@ def matrix_folder(pyproject: str, setup: str, config: str, *, src: bool) -> str:
 
 
 def _table(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    found = document.get(name)
-    return found if isinstance(found, Mapping) else {}
+    table = document.get(name)
+    return table if isinstance(table, Mapping) else {}

@@ -13,9 +13,9 @@ _CARET = re.compile(r"([\^~])\s*(\d[\w.]*)")
 
 def project_table(poetry: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keys of a `[project]` table that Poetry's own table stands for; what cannot be read is left out."""
-    asked = {name: value for name, value in _table(poetry.get("dependencies")).items() if name != "python"}
-    lines = {name: line for name, value in asked.items() if (line := _requirement(name, value))}
-    optional = {name for name, value in asked.items() if isinstance(value, Mapping) and value.get("optional")}
+    dependencies = {name: value for name, value in _table(poetry.get("dependencies")).items() if name != "python"}
+    lines = {name: line for name, value in dependencies.items() if (line := _requirement(name, value))}
+    optional = {name for name, value in dependencies.items() if isinstance(value, Mapping) and value.get("optional")}
     extras = {
         extra: [lines.get(name, name) for name in names if isinstance(name, str)]
         for extra, names in _table(poetry.get("extras")).items()
@@ -32,11 +32,11 @@ def project_table(poetry: Mapping[str, Any]) -> dict[str, Any]:
 
 def groups(poetry: Mapping[str, Any]) -> dict[str, list[str]]:
     """Return Poetry's dependency groups as lists of requirements; they are no groups that an installer knows."""
-    found = {}
+    requirements = {}
     for name, table in _table(poetry.get("group")).items():
-        asked = _table(_table(table).get("dependencies"))
-        found[name] = [line for package, value in asked.items() if (line := _requirement(package, value))]
-    return found
+        dependencies = _table(_table(table).get("dependencies"))
+        requirements[name] = [line for package, value in dependencies.items() if (line := _requirement(package, value))]
+    return requirements
 
 
 def _table(value: object) -> Mapping[str, Any]:
@@ -75,5 +75,5 @@ def _next(sign: str, version: str) -> Iterator[str]:
         release = Version(version).release
     except InvalidVersion:
         return
-    kept = min(2, len(release)) if sign == "~" else next((at for at, part in enumerate(release, 1) if part), 1)
-    yield f"<{'.'.join(map(str, (*release[: kept - 1], release[kept - 1] + 1)))}"
+    position = min(2, len(release)) if sign == "~" else next((at for at, part in enumerate(release, 1) if part), 1)
+    yield f"<{'.'.join(map(str, (*release[: position - 1], release[position - 1] + 1)))}"

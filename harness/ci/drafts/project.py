@@ -107,10 +107,10 @@ def registered(text: str) -> Iterator[str]:
 
 def _pythons(table: _Table) -> tuple[str, ...]:
     """Return the Pythons that the classifiers name, else those that `requires-python` allows. Empty without either."""
-    named = {found[1] for line in table.classifiers if (found := _CLASSIFIER.fullmatch(line.strip()))}
+    named = {classifier[1] for line in table.classifiers if (classifier := _CLASSIFIER.fullmatch(line.strip()))}
     if not named and not table.requires_python:
         return ()
-    with schema.located("pyproject.toml", "project", "requires-python"):
+    with schema.locate_errors("pyproject.toml", "project", "requires-python"):
         try:
             allowed = requirement_texts.specifiers(table.requires_python)
         except InvalidSpecifier:

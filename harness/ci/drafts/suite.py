@@ -66,9 +66,9 @@ def runtime(extras: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
 
 
 def _for_tests(named: Mapping[str, Sequence[object]]) -> Iterator[str]:
-    found = [name for name in named if canonicalize_name(name) in NAMES]
+    matches = [name for name in named if canonicalize_name(name) in NAMES]
     mixed = (name for name in named if canonicalize_name(name) in MIXED and _names_pytest(named[name]))
-    yield from found or mixed
+    yield from matches or mixed
 
 
 def _names_pytest(lines: Iterable[object]) -> bool:

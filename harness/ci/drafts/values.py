@@ -29,7 +29,7 @@ class Offer:
     wheels: tuple[str, ...]
 
 
-def narrowed(wanted: Range, offers: Sequence[Offer], python: str) -> Range:
+def narrow(wanted: Range, offers: Sequence[Offer], python: str) -> Range:
     """Return the range without releases that cannot be installed on a Python (`3.11`), with a note that names them.
 
     A release needs a wheel for that Python, unless no release of the range has any wheel.
@@ -47,11 +47,11 @@ def narrowed(wanted: Range, offers: Sequence[Offer], python: str) -> Range:
     lower = [f">={oldest}"] if any(Version(version) < Version(oldest) for version in before) else []
     upper = [f"<={newest}"] if any(version > Version(newest) for version in others) else []
     parts = [*_specifiers(wanted.range, lower), *upper, *(f"!={version}" for version in gaps[:MOST_LEFT_OUT])]
-    made = replace(wanted, range=",".join(parts) or ">=0")
-    gone = [version for version in before if version not in _values(made, allowed)]
+    new_range = replace(wanted, range=",".join(parts) or ">=0")
+    gone = [version for version in before if version not in _values(new_range, allowed)]
     if not gone:
         return wanted
-    return replace(made, note=f"Left out, not installable without a build on Python {python}: {', '.join(gone)}.")
+    return replace(new_range, note=f"Left out, not installable without a build on Python {python}: {', '.join(gone)}.")
 
 
 def _specifiers(text: str, lower: list[str]) -> list[str]:
@@ -75,10 +75,10 @@ def _values(wanted: Range, offers: Iterable[Offer]) -> tuple[str, ...]:
 
 def _fits(offer: Offer, python: str, tags: frozenset[object], *, built: bool) -> bool:
     try:
-        asked = SpecifierSet(offer.requires_python or "")
+        pythons = SpecifierSet(offer.requires_python or "")
     except InvalidSpecifier:
-        asked = SpecifierSet()
-    if not any(asked.contains(f"{python}.{patch}") for patch in (0, 99)):
+        pythons = SpecifierSet()
+    if not any(pythons.contains(f"{python}.{patch}") for patch in (0, 99)):
         return False
     return not built or any(_is_for(name, tags) for name in offer.wheels)
 

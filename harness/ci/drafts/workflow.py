@@ -48,37 +48,37 @@ class _Installed:
 def of_legs(legs: Sequence[Leg], source: str) -> Draft | None:
     """Return the draft of a matrix with the same combinations, None if no leg can be understood."""
     notes = [*_notes(legs)]
-    found: list[_Installed] = []
+    installs: list[_Installed] = []
     pythons = [_python(leg) for leg in legs]
     for leg, python in zip(legs, pythons, strict=True):
         if python is None or (python == HOST and {*pythons} != {HOST}):
             notes.append(f"Left out: {leg.combination}, whose Python is not a version such as 3.11.")
         else:
-            found.append(_Installed(python=python, packages=_packages(leg), extras=leg.extras or ()))
-    if not found:
+            installs.append(_Installed(python=python, packages=_packages(leg), extras=leg.extras or ()))
+    if not installs:
         return None
-    versions = {name: _distinct(each.pin(name) or "" for each in found) for name in _axes(found)}
-    rest = [_rest(each, versions) for each in found]
+    versions = {name: _distinct(each.pin(name) or "" for each in installs) for name in _axes(installs)}
+    rest = [_rest(each, versions) for each in installs]
     common = _common(rest)
     bundles = _distinctly([_bundle(requirements, extras, common) for requirements, extras in rest])
     values = {
-        "python": _distinct(each.python for each in found),
+        "python": _distinct(each.python for each in installs),
         **versions,
         INSTALL: _distinct(bundle.label for bundle in bundles),
     }
     legs_as = [
         {"python": each.python, **{name: each.pin(name) or "" for name in versions}, INSTALL: bundle.label}
-        for each, bundle in zip(found, bundles, strict=True)
+        for each, bundle in zip(installs, bundles, strict=True)
     ]
-    one = len(values[INSTALL]) == 1
-    if one:
+    single_bundle = len(values[INSTALL]) == 1
+    if single_bundle:
         common, values = (rest[0][0], rest[0][1]), {name: each for name, each in values.items() if name != INSTALL}
         legs_as = [{name: value for name, value in leg.items() if name != INSTALL} for leg in legs_as]
     return Draft(
         description=f"What {source} really installs",
         pythons=values["python"],
         versions=versions,
-        bundles=() if one else tuple({bundle.label: bundle for bundle in bundles}.values()),
+        bundles=() if single_bundle else tuple({bundle.label: bundle for bundle in bundles}.values()),
         requirements=common[0],
         extras=common[1],
         excludes=tuple(_missing(values, legs_as)),
@@ -90,7 +90,7 @@ def _notes(legs: Iterable[Leg]) -> Iterator[str]:
     for leg in legs:
         yield from (f"Not taken over: {unread}." for unread in leg.unread)
         for claim in leg.claims:
-            if claim.fate is Fate.HANDED_ON and (_known(claim) or claim.name.startswith("python")):
+            if claim.fate is Fate.HANDED_ON and (_find_requirement(claim) or claim.name.startswith("python")):
                 yield f"{claim.name} is handed to {claim.why}; it is taken at its word here."
 
 
@@ -102,22 +102,26 @@ def _python(leg: Leg) -> str | None:
 
 def _packages(leg: Leg) -> dict[str, Requirement]:
     named = [Requirement(text) for text in leg.requirements]
-    named += [made for claim in leg.claims if claim.fate is Fate.HANDED_ON and (made := _known(claim))]
-    found = {canonicalize_name(each.name): each for each in named}
-    return {name: each for name, each in found.items() if name not in TOOLS}
+    named += [
+        requirement
+        for claim in leg.claims
+        if claim.fate is Fate.HANDED_ON and (requirement := _find_requirement(claim))
+    ]
+    by_name = {canonicalize_name(each.name): each for each in named}
+    return {name: each for name, each in by_name.items() if name not in TOOLS}
 
 
-def _known(claim: Claim) -> Requirement | None:
+def _find_requirement(claim: Claim) -> Requirement | None:
     """Return the requirement that a value stands for by its name, such as `numpy-version: ">=2.1"`, if well known."""
     return claim.requirement if claim.requirement and canonicalize_name(claim.requirement.name) in WELL_KNOWN else None
 
 
-def _axes(found: Sequence[_Installed]) -> list[str]:
+def _axes(installs: Sequence[_Installed]) -> list[str]:
     """Return the packages that every leg pins, not all to the same version."""
     return [
         name
-        for name in found[0].packages
-        if all(each.pin(name) for each in found) and len({each.pin(name) for each in found}) > 1
+        for name in installs[0].packages
+        if all(each.pin(name) for each in installs) and len({each.pin(name) for each in installs}) > 1
     ]
 
 
@@ -146,12 +150,12 @@ def _bundle(requirements: Sequence[str], extras: Sequence[str], common: Rest) ->
 
 def _distinctly(bundles: Sequence[Bundle]) -> list[Bundle]:
     """Return the bundles with new labels, so that different bundles have different labels."""
-    known: dict[tuple[tuple[str, ...], tuple[str, ...]], Bundle] = {}
+    by_content: dict[tuple[tuple[str, ...], tuple[str, ...]], Bundle] = {}
     for bundle in bundles:
-        taken = {each.label.casefold() for each in known.values()}
+        taken = {each.label.casefold() for each in by_content.values()}
         label = next(name for name in _numbered(bundle.label) if name.casefold() not in taken)
-        known.setdefault((bundle.requirements, bundle.extras), replace(bundle, label=label))
-    return [known[bundle.requirements, bundle.extras] for bundle in bundles]
+        by_content.setdefault((bundle.requirements, bundle.extras), replace(bundle, label=label))
+    return [by_content[bundle.requirements, bundle.extras] for bundle in bundles]
 
 
 def _numbered(label: str) -> Iterator[str]:
@@ -161,10 +165,10 @@ def _numbered(label: str) -> Iterator[str]:
 
 def _label(line: str) -> str:
     """Return a requirement as a label: `numpy-1.26.4` or, for `numpy<2,>=1.21`, `numpy-from1.21-below2`."""
-    made = Requirement(line)
-    bounds = sorted(made.specifier, key=lambda each: (each.operator not in {">=", ">"}, str(each)))
+    requirement = Requirement(line)
+    bounds = sorted(requirement.specifier, key=lambda each: (each.operator not in {">=", ">"}, str(each)))
     parts = [f"{_SIGNS[each.operator]}{each.version}" for each in bounds]
-    return re.sub(r"[^A-Za-z0-9._+-]+", "-", "-".join([canonicalize_name(made.name), *parts]))
+    return re.sub(r"[^A-Za-z0-9._+-]+", "-", "-".join([canonicalize_name(requirement.name), *parts]))
 
 
 def _missing(values: Mapping[str, Sequence[str]], legs: Sequence[Mapping[str, str]]) -> Iterator[dict[str, str]]:

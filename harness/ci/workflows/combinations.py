@@ -88,10 +88,10 @@ def unmatched(matrix: Mapping[str, Any]) -> Iterator[int]:
             yield index
 
 
-def equal(one: Any, other: Any) -> bool:
+def equal(first: Any, other: Any) -> bool:
     """Return whether two values of YAML are the same; `true` is not 1, and "3.1" is not 3.1."""
-    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in (one, other))
-    return bool(one == other) and (numbers or type(one) is type(other))
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in (first, other))
+    return bool(first == other) and (numbers or type(first) is type(other))
 
 
 def _fits(entry: Mapping[str, Any], own: Mapping[str, Any]) -> bool:

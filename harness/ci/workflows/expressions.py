@@ -60,7 +60,7 @@ def holds(condition: object, contexts: Contexts) -> bool | None:
 
 def substituted(text: str, write: Callable[[str, Any], str], contexts: Contexts) -> str:
     """Return the text with each expression replaced by the result of `write`, called with it and its value."""
-    return EMBEDDED.sub(lambda found: write(found[1], evaluate(found[1], contexts)), text)
+    return EMBEDDED.sub(lambda hit: write(hit[1], evaluate(hit[1], contexts)), text)
 
 
 def text_of(value: Any) -> str:
@@ -84,17 +84,17 @@ def truth(value: Any) -> bool:
 
 def names(text: str, context: str) -> frozenset[str]:
     """Return the keys of a context that a text's expressions use; `*` if an expression takes the whole context."""
-    found: set[str] = set()
+    keys: set[str] = set()
     for expression in EMBEDDED.findall(text):
-        found |= names_in(expression, context)
-    return frozenset(found)
+        keys |= names_in(expression, context)
+    return frozenset(keys)
 
 
 def names_in(expression: str, context: str) -> frozenset[str]:
     """Return the keys of a context that one expression, without its braces, uses."""
     without = re.sub(r"'(?:[^']|'')*'", lambda quoted: quoted[0] if _is_key(quoted, expression) else "''", expression)
-    found = re.findall(rf"(?<![\w.-]){context}\b(?:\.([\w-]+)|\[\s*'((?:[^']|'')*)'\s*\])?", without)
-    return frozenset(dotted or quoted or "*" for dotted, quoted in found)
+    references = re.findall(rf"(?<![\w.-]){context}\b(?:\.([\w-]+)|\[\s*'((?:[^']|'')*)'\s*\])?", without)
+    return frozenset(dotted or quoted or "*" for dotted, quoted in references)
 
 
 def _is_key(quoted: re.Match[str], expression: str) -> bool:
@@ -111,11 +111,11 @@ class _Unreadable(Exception):
 def _tokens(expression: str) -> Iterator[tuple[str, str]]:
     at = 0
     while expression[at:].strip():
-        found = _TOKEN.match(expression, at)
-        if found is None or found.lastgroup is None:
+        token = _TOKEN.match(expression, at)
+        if token is None or token.lastgroup is None:
             raise _Unreadable
-        yield found.lastgroup, found[found.lastgroup]
-        at = found.end()
+        yield token.lastgroup, token[token.lastgroup]
+        at = token.end()
 
 
 @dataclass
@@ -153,8 +153,8 @@ class _Reader:
         value = self.ordered()
         while sign := self._take("==", "!="):
             other = self.ordered()
-            known = UNKNOWN not in (value, other)
-            value = (_same(value, other) == (sign == "==")) if known else UNKNOWN
+            computable = UNKNOWN not in (value, other)
+            value = (_same(value, other) == (sign == "==")) if computable else UNKNOWN
         return value
 
     def ordered(self) -> Any:
@@ -162,8 +162,8 @@ class _Reader:
         value = self.opposite()
         while sign := self._take("<", ">", "<=", ">="):
             other = self.opposite()
-            known = UNKNOWN not in (value, other)
-            value = _ORDER[sign](*_comparable(value, other)) if known else UNKNOWN
+            computable = UNKNOWN not in (value, other)
+            value = _ORDER[sign](*_comparable(value, other)) if computable else UNKNOWN
         return value
 
     def opposite(self) -> Any:
@@ -206,11 +206,11 @@ class _Reader:
         return value
 
     def _arguments(self) -> list[Any]:
-        found: list[Any] = []
+        arguments: list[Any] = []
         while not self._take(")"):
-            found.append(self.either())
+            arguments.append(self.either())
             self._take(",")
-        return found
+        return arguments
 
     def _take(self, *signs: str) -> str | None:
         if self.at < len(self.tokens) and self.tokens[self.at] in [("sign", sign) for sign in signs]:
@@ -261,18 +261,18 @@ def _nth(values: Sequence[Any], index: int) -> str:
     return text_of(values[index]) if index < len(values) else ""
 
 
-def _same(one: Any, other: Any) -> bool:
+def _same(value: Any, other: Any) -> bool:
     """Return whether two values are equal as GitHub compares: texts without their case, unlike types as numbers."""
-    if isinstance(one, dict | list) or isinstance(other, dict | list):
-        return one is other
-    one, other = _comparable(one, other)
-    return bool(one == other)
+    if isinstance(value, dict | list) or isinstance(other, dict | list):
+        return value is other
+    value, other = _comparable(value, other)
+    return bool(value == other)
 
 
-def _comparable(one: Any, other: Any) -> tuple[Any, Any]:
-    if isinstance(one, str) and isinstance(other, str):
-        return one.lower(), other.lower()
-    return _number(one), _number(other)
+def _comparable(value: Any, other: Any) -> tuple[Any, Any]:
+    if isinstance(value, str) and isinstance(other, str):
+        return value.lower(), other.lower()
+    return _number(value), _number(other)
 
 
 def _number(value: Any) -> float:

@@ -75,7 +75,7 @@ class Leg:
 
 def leg(job: Mapping[str, Any], combination: Combination) -> Leg:
     """Follow the steps of a job with the values of one combination."""
-    followed = _Followed(combination.values)
+    followed = _LegState(combination.values)
     around = [job.get(key) for key in ("runs-on", "container", "services", "env", "defaults", "with")]
     followed.hand_on(around, "the job's own settings")
     environment = followed.variables(job.get("env"), {})
@@ -93,7 +93,7 @@ def leg(job: Mapping[str, Any], combination: Combination) -> Leg:
 
 
 @dataclass
-class _Followed:
+class _LegState:
     """The state of a leg after the steps so far."""
 
     values: Mapping[str, Any]
@@ -150,21 +150,21 @@ class _Followed:
         for words in shell.commands(text):
             plain = [unmarked(word) for word in words]
             names = {name for word in words for name in _names(word)}
-            found = shell.install(plain)
+            command = shell.install(plain)
             python = shell.python_of(plain)
-            if found:
-                self.install(found)
-            if found or python:
+            if command:
+                self.install(command)
+            if command or python:
                 self.python = python or self.python
                 self.installing |= names
             else:
                 self.hand_on_names(names, f"`{' '.join(plain[:3])}{' ...' if plain[3:] else ''}`")
         self.hand_on_names(_names(text), "a script")
 
-    def install(self, found: shell.Install) -> None:
+    def install(self, command: shell.Install) -> None:
         """Add or remove the packages of a command. An installed package is not replaced without need."""
-        self.unread += found.files
-        for word in found.words:
+        self.unread += command.files
+        for word in command.words:
             if own := re.fullmatch(r"(?:\./?|\$?\{?\w*\}?/?dist/\*\S*)(?:\[([^]]*)\])?", word):
                 self.extras = (self.extras or set()) | {extra.strip() for extra in (own[1] or "").split(",")} - {""}
                 continue
@@ -176,9 +176,9 @@ class _Followed:
             name = canonicalize_name(requirement.name)
             if name == "python":  # conda's
                 continue
-            if found.removes:
+            if command.removes:
                 self.packages.pop(name, None)
-            elif requirement.specifier or requirement.url or found.upgrade or name not in self.packages:
+            elif requirement.specifier or requirement.url or command.upgrade or name not in self.packages:
                 self.packages[name] = requirement
 
     def hand_on(self, parts: Iterable[object], to: str) -> None:
@@ -214,10 +214,10 @@ class _Followed:
         package = _package(name)
         if package == "python":
             return f"sets up Python {self.python}" if self.python not in {None, value} else None
-        found = self.packages.get(package)
-        if found is None or _specifiers(value) == found.specifier:
+        requirement = self.packages.get(package)
+        if requirement is None or _specifiers(value) == requirement.specifier:
             return None
-        return f"installs {found}" if found.specifier or found.url else ""
+        return f"installs {requirement}" if requirement.specifier or requirement.url else ""
 
 
 def _steps(job: Mapping[str, Any]) -> list[Mapping[str, Any]]:

@@ -39,11 +39,11 @@ def read(text: str, file: str) -> tuple[Job, ...]:
     if not isinstance(jobs, dict):
         message = f"{file}: there are no jobs; is it a workflow of GitHub?"
         raise BadInput(message)
-    found = tuple(_job(str(name), job) for name, job in jobs.items() if _matrix(job) is not None)
-    if not found:
+    matrix_jobs = tuple(_job(str(name), job) for name, job in jobs.items() if _matrix(job) is not None)
+    if not matrix_jobs:
         message = f"{file}: none of its jobs ({', '.join(map(str, jobs))}) has a strategy.matrix"
         raise BadInput(message)
-    return found
+    return matrix_jobs
 
 
 def _matrix(job: object) -> object:
@@ -54,14 +54,14 @@ def _matrix(job: object) -> object:
 def _job(name: str, job: Mapping[str, Any]) -> Job:
     matrix = _matrix(job)
     try:
-        found = combinations(matrix)
+        combos = combinations(matrix)
     except Unreadable as error:
         return Job(name=name, legs=(), notes=(str(error),))
-    notes = [*_misread(matrix), *_replaced(found)]
+    notes = [*_misread(matrix), *_replaced(combos)]
     notes += [f"exclude[{index}] leaves nothing out" for index in unmatched(matrix)]  # type: ignore[arg-type]
-    if len(found) > MOST:
-        notes.append(f"{len(found)} combinations are more than the {MOST} that GitHub runs")
-    return Job(name=name, legs=tuple(leg(job, each) for each in found), notes=tuple(dict.fromkeys(notes)))
+    if len(combos) > MOST:
+        notes.append(f"{len(combos)} combinations are more than the {MOST} that GitHub runs")
+    return Job(name=name, legs=tuple(leg(job, each) for each in combos), notes=tuple(dict.fromkeys(notes)))
 
 
 def _misread(part: object, name: str = "matrix") -> Iterator[str]:
@@ -75,8 +75,8 @@ def _misread(part: object, name: str = "matrix") -> Iterator[str]:
         yield from _misread(value, name if key in {"include", "exclude"} else str(key))
 
 
-def _replaced(found: tuple[Combination, ...]) -> Iterator[str]:
-    for each in found:
+def _replaced(combos: tuple[Combination, ...]) -> Iterator[str]:
+    for each in combos:
         for lost in each.replaced:
             own = ", ".join(f"{name} {value}" for name, value in each.values.items() if name != lost.name)
             yield (
@@ -96,9 +96,9 @@ class _Loader(yaml.SafeLoader):
 
 
 def _number(loader: _Loader, node: yaml.ScalarNode) -> _Number:
-    found = _Number(node.value)
-    found.written = node.value
-    return found
+    number = _Number(node.value)
+    number.written = node.value
+    return number
 
 
 _Loader.yaml_implicit_resolvers = {}

@@ -161,8 +161,8 @@ def _arguments(words: Sequence[str]) -> tuple[str, Sequence[str]] | None:
         rest = rest[2:]
     elif not _PIP.match(name) and name not in _CONDA:
         return None
-    known = rest and (_PIP.match(rest[0].rpartition("/")[2]) or rest[0] in _CONDA)
+    installer = rest and (_PIP.match(rest[0].rpartition("/")[2]) or rest[0] in _CONDA)
     verbs = [index for index, word in enumerate(rest) if word in {"install", "uninstall", "create"}]
-    if not known or not verbs:
+    if not installer or not verbs:
         return None
     return rest[verbs[0]], rest[verbs[0] + 1 :]

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from harness.judging.runs import misleading
 from harness.judging.runs.check import phase_of
-from harness.judging.runs.fold import ACROSS, LOOP, REPEAT, RUNS_TO_CONFIRM, Asked, Folded, fold, wanted_of
+from harness.judging.runs.fold import ACROSS, LOOP, REPEAT, RUNS_TO_CONFIRM, CasePlan, Folded, fold, wanted_of
 from harness.model import (
     CASE_PHASES,
     FAILING,
@@ -33,39 +33,39 @@ BULKY = frozenset({"trajectory", "values", "pictures"})
 """Facts of a check that stay with its evidence."""
 
 
-def phases(asked: Asked, folded: Folded, new: frozenset[str] = frozenset()) -> dict[Phase, PhaseRecord]:
+def phases(case_plan: CasePlan, folded: Folded, new: frozenset[str] = frozenset()) -> dict[Phase, PhaseRecord]:
     """Return the record of each phase of a case. `new` names the runs that were not made before."""
     return {
         phase: _phase(phase, names, folded, new)
-        for phase, names in asked.wanted.items()
+        for phase, names in case_plan.wanted.items()
         if names and names[0] in folded.ended
     }
 
 
-def case_record(case: Case, known: Mapping[Phase, PhaseRecord], runs: tuple[str, ...] = ()) -> CaseRecord:
+def case_record(case: Case, records: Mapping[Phase, PhaseRecord], runs: tuple[str, ...] = ()) -> CaseRecord:
     """Return the record of a case. Phases without a record are not reached, or skipped if not asked for."""
-    asked = wanted_of(case.checks, CASE_PHASES[-1])
+    wanted = wanted_of(case.checks, CASE_PHASES[-1])
     return CaseRecord(
         case=case.id,
         env=case.env,
         api=case.api,
         required=case.required,
-        phases=tuple(known.get(phase) or _absent(phase, asked=phase in asked) for phase in CASE_PHASES),
+        phases=tuple(records.get(phase) or _absent(phase, requested=phase in wanted) for phase in CASE_PHASES),
         runs=runs,
     )
 
 
-def _absent(phase: Phase, *, asked: bool) -> PhaseRecord:
-    return PhaseRecord(phase=phase, outcome=Outcome.NOT_REACHED if asked else Outcome.SKIPPED)
+def _absent(phase: Phase, *, requested: bool) -> PhaseRecord:
+    return PhaseRecord(phase=phase, outcome=Outcome.NOT_REACHED if requested else Outcome.SKIPPED)
 
 
 def judged_again(case: Case, readings: Iterable[Reading]) -> CaseRecord:
     """Return the record of a case by these runs alone, whatever in-cell program they ran last."""
-    found = tuple(readings)
-    program = {check: digest for reading in found for check, digest in reading.run.program.items()}
-    asked = Asked(case=case, wanted=wanted_of(case.checks, CASE_PHASES[-1]), program=program)
-    folded = fold(asked, found)
-    return case_record(case, phases(asked, folded), folded.runs)
+    runs = tuple(readings)
+    program = {check: digest for reading in runs for check, digest in reading.run.program.items()}
+    case_plan = CasePlan(case=case, wanted=wanted_of(case.checks, CASE_PHASES[-1]), program=program)
+    folded = fold(case_plan, runs)
+    return case_record(case, phases(case_plan, folded), folded.runs)
 
 
 def _phase(phase: Phase, names: tuple[str, ...], folded: Folded, new: frozenset[str]) -> PhaseRecord:
@@ -83,7 +83,7 @@ def _phase(phase: Phase, names: tuple[str, ...], folded: Folded, new: frozenset[
         outcome=outcome,
         seconds=round(sum(record.seconds for record in records), 3),
         decisive=line.decisive if line in counting else None,
-        checks=tuple(map(_kept, records)),
+        checks=tuple(map(_drop_bulky_facts, records)),
         findings=tuple({(one.check, one.text): one for one in _findings(phase, names, folded)}.values()),
         frames=tuple(picture for one in ended for picture in one.frames),
         evidence=deciding.folder,
@@ -99,9 +99,9 @@ def _findings(phase: Phase, names: tuple[str, ...], folded: Folded) -> Iterable[
     counting: dict[str, set[str | None]] = {}
     for check, run in [*((check, ended.reading) for check, ended in folded.ended.items()), *folded.followed.items()]:
         counting.setdefault(run, {None}).add(check)
-    for reading, made in folded.findings.items():
-        found = (one for during, one in made if during in counting.get(reading, ()))
-        yield from (one for one in found if one.check.partition(".")[0] == phase)
+    for reading, pairs in folded.findings.items():
+        findings = (one for during, one in pairs if during in counting.get(reading, ()))
+        yield from (one for one in findings if one.check.partition(".")[0] == phase)
     loop, repeat = folded.ended.get(LOOP), folded.ended.get(REPEAT)
     if loop and repeat and LOOP in names and loop.record.outcome is Outcome.PASSED:
         yield from _compare(loop.record, repeat.record)
@@ -119,7 +119,7 @@ def _compare(loop: CheckRecord, repeat: CheckRecord) -> Iterable[Finding]:
     yield Finding(check=ACROSS, level=Level.WARNING, text=text)
 
 
-def _kept(record: CheckRecord) -> CheckRecord:
+def _drop_bulky_facts(record: CheckRecord) -> CheckRecord:
     """Return the record without the facts that only its evidence needs."""
     if not BULKY & record.facts.keys():
         return record

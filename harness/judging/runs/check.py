@@ -96,11 +96,11 @@ def phase_of(check: str) -> Phase:
     return Phase(check.partition(".")[0])
 
 
-def reachable(phase: Phase, known: Mapping[Phase, Outcome]) -> bool:
+def reachable(phase: Phase, outcomes: Mapping[Phase, Outcome]) -> bool:
     """Return whether all phases that this one needs passed, or have no outcome yet."""
     needed = NEEDS.get(phase)
     while needed:
-        if known.get(needed, Outcome.PASSED) is not Outcome.PASSED:
+        if outcomes.get(needed, Outcome.PASSED) is not Outcome.PASSED:
             return False
         needed = NEEDS.get(needed)
     return True
@@ -124,22 +124,22 @@ def check_record(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str
     )
 
 
-def found_beside(reply: ProbeReply, ending: Ending, followers: Iterable[str]) -> Iterator[Finding]:
+def side_findings(reply: ProbeReply, ending: Ending, followers: Iterable[str]) -> Iterator[Finding]:
     """Yield findings about checks that follow others, and about the end of Python, besides the checks of a probe.
 
     A misleading check that was not reached is no finding: what it would refute stays unverified.
     """
-    known = {check.check: check for check in reply.checks}
+    replies = {check.check: check for check in reply.checks}
     for name in followers:
-        leader = known.get(wire.leader_of(name))
+        leader = replies.get(wire.leader_of(name))
         if leader is None or leader.outcome is not Outcome.PASSED:
             continue
-        if name not in known and name not in MISLEADING:
+        if name not in replies and name not in MISLEADING:
             yield Finding(check=name, level=Level.WARNING, text="not looked at: the process ended before")
-        elif name in known and known[name].outcome is None:
-            _, decisive, _ = _died(known[name], ending)
+        elif name in replies and replies[name].outcome is None:
+            _, decisive, _ = _judge_death(replies[name], ending)
             yield Finding(check=name, level=Level.WARNING, text=f"{decisive}")
-    if known and not ending.trouble and all(check.outcome for check in known.values()):
+    if replies and not ending.trouble and all(check.outcome for check in replies.values()):
         text = _last_gasp(ending, complete=reply.complete)
         if text:
             phase = phase_of(reply.checks[-1].check)
@@ -151,45 +151,45 @@ def _last_gasp(ending: Ending, *, complete: bool) -> str | None:
     if ending.overran is not None:
         return f"Python did not end within {ending.overran:g} s of the last check"
     if ending.signal or ending.exit_code:
-        return f"after the last check: {decisive_line.death(ending.exit_code, ending.signal, ending.stacks)}"
+        return f"after the last check: {decisive_line.describe_death(ending.exit_code, ending.signal, ending.stacks)}"
     ignored = IGNORED.search(ending.afterwards)
     if ignored:
         return f"at the end of Python, the environment left open: {decisive_line.decisive_line(ignored[0])}"
     return None if complete else "Python ended before its exit handlers had run"
 
 
-Said = tuple[Outcome, str | None, str | None]
+Ruling = tuple[Outcome, str | None, str | None]
 """An outcome, the decisive line, and what hid it."""
 
 
-def _outcome(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str]) -> Said:
+def _outcome(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str]) -> Ruling:
     match reply.outcome:
         case Outcome.PASSED:
             return Outcome.PASSED, None, None
         case None:
-            return _died(reply, ending)
+            return _judge_death(reply, ending)
         case Outcome.FAILED:
-            return _failed(reply, undrawable)
+            return _judge_failure(reply, undrawable)
         case Outcome.SKIPPED if reply.check in MISLEADING and _code(reply).startswith(UNMEASURED):
             return Outcome.NOT_REACHED, reply.reason, None
         case other:
             return other, reply.reason, None
 
 
-def _failed(reply: CheckReply, undrawable: Mapping[str, str]) -> Said:
+def _judge_failure(reply: CheckReply, undrawable: Mapping[str, str]) -> Ruling:
     decisive, mask = decisive_line.decisive_of_check(reply)
-    told = decisive or ""
+    line = decisive or ""
     if reply.raised and reply.raised.blame == "harness":
-        return Outcome.INFRA, f"a fault of the harness, not of the packages: {told}", mask
+        return Outcome.INFRA, f"a fault of the harness, not of the packages: {line}", mask
     way = _drawing(reply)
     if way is not None and way in undrawable:
-        return Outcome.UNAVAILABLE, f"{undrawable[way]} ({told})", mask
+        return Outcome.UNAVAILABLE, f"{undrawable[way]} ({line})", mask
     if reply.check in MISLEADING and reply.raised and not reply.observed:
-        return Outcome.NOT_REACHED, f"could not be measured: {told}", mask
+        return Outcome.NOT_REACHED, f"could not be measured: {line}", mask
     return Outcome.FAILED, decisive, mask
 
 
-def shot(record: CheckRecord) -> bool:
+def was_killed(record: CheckRecord) -> bool:
     """Return whether an unknown sender killed the process of a check, or a worker of it."""
     return record.outcome is Outcome.INFRA and SHOT in (record.decisive or "")
 
@@ -201,17 +201,17 @@ def _shortage(reply: CheckReply, decisive: str, ending: Ending) -> str | None:
         return f"{killed[1] or ''}{SHOT}"
     if ending.full:
         return f"no room left on the disk of TMPDIR: {decisive}"
-    told = f"{reply.raised.message}\n{reply.raised.traceback}" if reply.raised else ending.stacks
-    if not ending.shares_memory and SHARED_MEMORY.search(told):
+    text = f"{reply.raised.message}\n{reply.raised.traceback}" if reply.raised else ending.stacks
+    if not ending.shares_memory and SHARED_MEMORY.search(text):
         return f"this machine has no /dev/shm that can be written to: {decisive}"
     silent = decisive.endswith(decisive_line.SILENT)
-    found = MACHINE_TROUBLE.search(ending.stacks if silent else decisive)
-    if not found or (found[0] in FULL and _made_up(reply, ending)):
+    trouble = MACHINE_TROUBLE.search(ending.stacks if silent else decisive)
+    if not trouble or (trouble[0] in FULL and _is_false_claim(reply, ending)):
         return None
-    return f"{found[0]}: {decisive}" if silent else decisive
+    return f"{trouble[0]}: {decisive}" if silent else decisive
 
 
-def _made_up(reply: CheckReply, ending: Ending) -> bool:
+def _is_false_claim(reply: CheckReply, ending: Ending) -> bool:
     """Return whether a package only claims that a disk is full: none was, and no system call said so."""
     if not reply.raised or reply.workers or (ending.least_room_mb or 0) < ROOMY_MB:
         return False
@@ -251,19 +251,19 @@ def _drawing_code() -> re.Pattern[str]:
 
 def _draws(reply: CheckReply, ending: Ending) -> bool:
     """Return whether a check failed by drawing: with nothing to see, or in the code of a library that draws."""
-    told = f"{reply.raised.message}\n{reply.raised.traceback}" if reply.raised else ending.stacks
+    text = f"{reply.raised.message}\n{reply.raised.traceback}" if reply.raised else ending.stacks
     if phase_of(reply.check) is Phase.RENDER and (not reply.raised or _code(reply) == BLANK):
         return True
-    return any(code.search(told) for code in (PYGLET_CODE, _drawing_code(), WINDOW_CODE))
+    return any(code.search(text) for code in (PYGLET_CODE, _drawing_code(), WINDOW_CODE))
 
 
-def _died(reply: CheckReply, ending: Ending) -> Said:
+def _judge_death(reply: CheckReply, ending: Ending) -> Ruling:
     """Return the outcome of a check that started and never ended: its process died, or was ended."""
     child, mask = decisive_line.decisive_of_check(reply)
     if ending.trouble:
         return Outcome.INFRA, ending.trouble, None
     if ending.overran is not None:
         where = decisive_line.innermost_frame(ending.stacks)
-        told = child or f"no end within {ending.overran:g} s" + (f", in {where}" if where else "")
-        return Outcome.TIMED_OUT, told, mask
-    return Outcome.CRASHED, child or decisive_line.death(ending.exit_code, ending.signal, ending.stacks), mask
+        line = child or f"no end within {ending.overran:g} s" + (f", in {where}" if where else "")
+        return Outcome.TIMED_OUT, line, mask
+    return Outcome.CRASHED, child or decisive_line.describe_death(ending.exit_code, ending.signal, ending.stacks), mask

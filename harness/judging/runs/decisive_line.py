@@ -12,26 +12,26 @@ from harness.standalone.lines import (
     LIMIT,
     MASKS,
     SILENT,
-    bounded,
-    death,
     decisive_line,
+    describe_death,
     innermost_frame,
     normalise,
     original,
+    shorten_line,
     strip_ansi,
 )
 
 __all__ = [
     "LIMIT",
     "SILENT",
-    "bounded",
-    "death",
     "decisive_line",
     "decisive_of_check",
+    "describe_death",
     "exception_line",
     "innermost_frame",
     "normalise",
     "observed_of_check",
+    "shorten_line",
     "strip_ansi",
 ]
 
@@ -41,7 +41,7 @@ def decisive_of_check(reply: CheckReply) -> tuple[str | None, str | None]:
 
     The first exception, signal or exit code of a worker comes before what its parent saw of it.
     """
-    seen = _told(reply)
+    seen = _reply_line(reply)
     worker = _worker_line(reply.workers, echo=not reply.raised or _is_mask(reply.raised))
     if worker is None or worker == seen:
         return seen, None
@@ -57,18 +57,18 @@ def observed_of_check(reply: CheckReply) -> Observed | None:
     return first.observed if first and first.raised and exception_line(first.raised) == decisive else None
 
 
-def _told(reply: CheckReply) -> str | None:
+def _reply_line(reply: CheckReply) -> str | None:
     if reply.raised:
         return exception_line(reply.raised)
-    return bounded(reply.reason) if reply.reason else None
+    return shorten_line(reply.reason) if reply.reason else None
 
 
 def exception_line(raised: Raised) -> str:
     """Return an exception as Python prints it, or the original that it was raised from."""
-    own = bounded(f"{raised.type}: {raised.message}" if raised.message.strip() else raised.type)
+    own = shorten_line(f"{raised.type}: {raised.message}" if raised.message.strip() else raised.type)
     chained = CAUSE in raised.traceback or CONTEXT in raised.traceback
     first = original(strip_ansi(raised.traceback).splitlines()) if chained else None
-    return bounded(first) if first else own
+    return shorten_line(first) if first else own
 
 
 def _is_mask(raised: Raised) -> bool:
@@ -81,18 +81,18 @@ def _worker_line(workers: Iterable[WorkerRecord], *, echo: bool) -> str | None:
     A worker that only lost its parent (a mask, SIGTERM) did not. An exit code counts only if the parent saw no more
     than an `echo` of a death: after an exception of the parent's own, workers are ended in many ways.
     """
-    known = tuple(workers)
-    raised = [worker.raised for worker in known if worker.raised and not _is_mask(worker.raised)]
+    records = tuple(workers)
+    raised = [worker.raised for worker in records if worker.raised and not _is_mask(worker.raised)]
     if raised:
         return exception_line(raised[0])
     by_parent = {-signal.SIGTERM} if echo else {-signal.SIGTERM, -signal.SIGKILL}
-    dead = [worker for worker in known if worker.exit_code and worker.exit_code not in by_parent]
+    dead = [worker for worker in records if worker.exit_code and worker.exit_code not in by_parent]
     for worker in sorted(dead, key=lambda worker: (worker.exit_code or 0) > 0):
         code = worker.exit_code or 0
         if code < 0:
-            return f"worker {death(None, -code, worker.stacks or '')}"
+            return f"worker {describe_death(None, -code, worker.stacks or '')}"
         if echo and not worker.raised:
-            return f"worker {death(code, None, '')}"
-    frames = [innermost_frame(worker.stacks or "") for worker in known if worker.exit_code is None]
+            return f"worker {describe_death(code, None, '')}"
+    frames = [innermost_frame(worker.stacks or "") for worker in records if worker.exit_code is None]
     hung = [frame for frame in frames if frame and "multiprocessing/" not in frame]  # the others wait for the parent
     return f"worker hangs in {hung[0]}" if hung and echo else None

@@ -13,7 +13,7 @@ from itertools import islice
 from types import MappingProxyType
 
 from harness.judging.runs import decisive_line, native_errors
-from harness.judging.runs.check import TAKEN_AWAY, check_record, ending_of, found_beside, phase_of, shot
+from harness.judging.runs.check import TAKEN_AWAY, check_record, ending_of, phase_of, side_findings, was_killed
 from harness.model import (
     CASE_PHASES,
     FAILING,
@@ -45,7 +45,7 @@ Wanted = Mapping[Phase, tuple[str, ...]]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Asked:
+class CasePlan:
     """The checks of a case to run, by phase, and the digest of the in-cell program for each check.
 
     With `verify` each check has a process of its own, and a failure is confirmed.
@@ -85,8 +85,8 @@ class Ended:
         passed = sum(self.passed_again)
         if not passed:
             return self.record
-        told = f"passed {passed} of {RUNS_TO_CONFIRM} runs; else: {self.record.decisive}"
-        return replace(self.record, outcome=Outcome.FLAKY, decisive=told)
+        line = f"passed {passed} of {RUNS_TO_CONFIRM} runs; else: {self.record.decisive}"
+        return replace(self.record, outcome=Outcome.FLAKY, decisive=line)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -126,25 +126,25 @@ class Folded:
         return Folded(ended=ended, followed=followed, findings=self.findings, runs=self.runs)
 
 
-def fold(asked: Asked, readings: Iterable[Reading], before: Folded | None = None) -> Folded:
+def fold(case_plan: CasePlan, readings: Iterable[Reading], before: Folded | None = None) -> Folded:
     """Add these runs, in their order, to the results so far."""
     folded = before or Folded()
     for reading in readings:
-        folded = after(asked, folded, reading)
+        folded = add_run(case_plan, folded, reading)
     return folded
 
 
-def after(asked: Asked, folded: Folded, reading: Reading) -> Folded:
+def add_run(case_plan: CasePlan, folded: Folded, reading: Reading) -> Folded:
     """Add one more run to the results so far."""
-    request, told = reading.run.request, _Told(asked, folded, reading)
-    current = {check for check, digest in reading.run.program.items() if digest == asked.program.get(check)}
-    if not current or (asked.verify and len(request.limits) > 1):
+    request, judge = reading.run.request, _RunJudge(case_plan, folded, reading)
+    current = {check for check, digest in reading.run.program.items() if digest == case_plan.program.get(check)}
+    if not current or (case_plan.verify and len(request.limits) > 1):
         return folded
     folded = replace(folded, again=None, runs=(*folded.runs, reading.name))
     replies = [reply for reply in reading.reply.checks if reply.check in request.limits or _compared(reply)]
     if not replies and reading.run.end.shot and not request.limits.keys() & folded.shot:
         return replace(folded, shot=folded.shot | request.limits.keys())
-    ended = told.ended(replies)
+    ended = judge.ended(replies)
     lines = [one.record.decisive or "" for one in ended.values()]
     if TAKEN_AWAY in lines and not folded.taken_away:
         return replace(folded, again=request, taken_away=True)
@@ -158,13 +158,13 @@ def after(asked: Asked, folded: Folded, reading: Reading) -> Folded:
     followed = dict.fromkeys(followers if request.leads else set(followers) - missed, reading.name)
     ended = {check: one for check, one in ended.items() if check in counting}
     overran = {check for check, one in ended.items() if one.record.outcome is Outcome.TIMED_OUT} - folded.overran
-    killed = {check for check, one in ended.items() if shot(one.record)} - folded.shot
+    killed = {check for check, one in ended.items() if was_killed(one.record)} - folded.shot
     return replace(
         folded,
         ended={**folded.ended, **{name: one for name, one in ended.items() if name not in overran | killed}},
         followed={**folded.followed, **followed},
         missed=(folded.missed - followed.keys()) | (missed & followed.keys()),
-        findings={**folded.findings, reading.name: told.findings()},
+        findings={**folded.findings, reading.name: judge.findings()},
         overran=folded.overran | overran,
         shot=folded.shot | killed,
     )
@@ -172,20 +172,20 @@ def after(asked: Asked, folded: Folded, reading: Reading) -> Folded:
 
 def _confirmed(folded: Folded, request: Request, ended: Mapping[str, Ended]) -> dict[str, Ended]:
     """Return the checks of a confirming run, each with whether it passed this time."""
-    found = {}
+    results = {}
     for check in request.limits:
         before, now = folded.ended.get(check), ended.get(check)
         if before:
             passed = now is not None and now.record.outcome is Outcome.PASSED
-            found[check] = replace(before, passed_again=(*before.passed_again, passed))
-    return found
+            results[check] = replace(before, passed_again=(*before.passed_again, passed))
+    return results
 
 
 @dataclass(frozen=True, slots=True)
-class _Told:
+class _RunJudge:
     """One run of a case, to be read."""
 
-    asked: Asked
+    asked: CasePlan
     folded: Folded
     reading: Reading
 
@@ -195,10 +195,10 @@ class _Told:
         first = next(iter(run.request.limits))
         if not replies or self._python() != run.host.python:
             return {first: self._ended(self._not_tried(first))}
-        found = [self._judged(reply) for reply in replies]
-        if any(one.record.outcome in FAILING for one in found) and not run.host.stood:
+        results = [self._judged(reply) for reply in replies]
+        if any(one.record.outcome in FAILING for one in results) and not run.host.stood:
             return {first: self._ended(CheckRecord(check=first, outcome=Outcome.INFRA, decisive=TAKEN_AWAY))}
-        return {one.record.check: one for one in found}
+        return {one.record.check: one for one in results}
 
     def _judged(self, reply: CheckReply) -> Ended:
         run = self.reading.run
@@ -233,8 +233,8 @@ class _Told:
         A package may still be at fault, if Python does not even start with what is installed.
         """
         run, reply = self.reading.run, self.reading.reply
-        told = SHOT if run.end.shot else run.end.killed or "; ".join(reply.problems) or self.reading.last_words
-        decisive = f"the probe did not start: {told}"
+        cause = SHOT if run.end.shot else run.end.killed or "; ".join(reply.problems) or self.reading.last_words
+        decisive = f"the probe did not start: {cause}"
         if reply.checks:
             decisive = f"the environment's Python is {self._python()}, not {run.host.python}"
         if run.host.bare_start is None:
@@ -250,27 +250,27 @@ class _Told:
         end, reply = self.reading.run.end, self.reading.reply
         phase = phase_of(next(iter(self.reading.run.request.limits)))
         followers = self.reading.run.request.followers
-        of_run = [*found_beside(reply, ending_of(self.reading), followers)]
-        of_run += [*beside(end.written, end.stray if reply.complete else 0, phase), *self._native(phase)]
-        found = [*zip(reply.during, reply.findings, strict=True)]
-        found += [(one.check if one.check in followers else None, one) for one in of_run]
-        return tuple((during, replace(one, text=decisive_line.normalise(one.text, {}))) for during, one in found)
+        of_run = [*side_findings(reply, ending_of(self.reading), followers)]
+        of_run += [*environment_findings(end.written, end.stray if reply.complete else 0, phase), *self._native(phase)]
+        pairs = [*zip(reply.during, reply.findings, strict=True)]
+        pairs += [(one.check if one.check in followers else None, one) for one in of_run]
+        return tuple((during, replace(one, text=decisive_line.normalise(one.text, {}))) for during, one in pairs)
 
     def _native(self, phase: Phase) -> list[Finding]:
         lines = native_errors.errors(self.reading.printed)
         return [Finding(check=f"{phase}.native", level=Level.WARNING, text=line) for line in lines]
 
 
-def beside(written: tuple[str, ...], stray: int, phase: Phase) -> tuple[Finding, ...]:
+def environment_findings(written: tuple[str, ...], stray: int, phase: Phase) -> tuple[Finding, ...]:
     """Return the findings on what a run wrote into its environment, and on processes that it left behind."""
-    found = []
+    findings = []
     if written:
         text = f"wrote into its own environment (kept from other runs): {', '.join(written[:MOST_WRITTEN])}"
-        found.append(Finding(check=f"{phase}.written", level=Level.WARNING, text=text))
+        findings.append(Finding(check=f"{phase}.written", level=Level.WARNING, text=text))
     if stray:
         text = f"left {stray} process(es) behind at its end"
-        found.append(Finding(check=f"{phase}.stray", level=Level.WARNING, text=text))
-    return tuple(found)
+        findings.append(Finding(check=f"{phase}.stray", level=Level.WARNING, text=text))
+    return tuple(findings)
 
 
 def passed(ended: Ended | None) -> bool:
@@ -288,5 +288,5 @@ def wanted_of(checks: tuple[str, ...], until: Phase) -> Wanted:
     """Return the checks of each phase up to this one."""
     order = list(Phase)
     phases = [phase for phase in CASE_PHASES if order.index(phase) <= order.index(until)]
-    found = {phase: tuple(check for check in checks if phase_of(check) is phase) for phase in phases}
-    return MappingProxyType({phase: names for phase, names in found.items() if names})
+    by_phase = {phase: tuple(check for check in checks if phase_of(check) is phase) for phase in phases}
+    return MappingProxyType({phase: names for phase, names in by_phase.items() if names})

@@ -66,11 +66,11 @@ def outcome_of(report: Report, ending: Ending, text: str) -> tuple[Outcome, str 
     if ending.signal == signal.SIGKILL:
         return Outcome.INFRA, SHOT
     if ending.signal:
-        return Outcome.CRASHED, decisive_line.death(ending.exit_code, ending.signal, text)
-    found, decisive = _by_code(ending.exit_code or 0, report, text)
-    if found is Outcome.FAILED and MACHINE_TROUBLE.search(decisive or ""):
+        return Outcome.CRASHED, decisive_line.describe_death(ending.exit_code, ending.signal, text)
+    outcome, decisive = _by_code(ending.exit_code or 0, report, text)
+    if outcome is Outcome.FAILED and MACHINE_TROUBLE.search(decisive or ""):
         return Outcome.INFRA, decisive
-    return found, decisive
+    return outcome, decisive
 
 
 def _by_code(code: int, report: Report, text: str) -> tuple[Outcome, str | None]:
@@ -98,8 +98,8 @@ def _last(text: str) -> str:
     """Return the last line that reports an error, else the last line."""
     lines = [line.strip() for line in text.splitlines() if line.strip(" =-_")]
     errors = [line for line in lines if line.startswith(("ERROR", "E  ", "INTERNALERROR>", "FAIL"))]
-    told = (errors or lines or [decisive_line.SILENT])[-1]
-    return told.removeprefix("E  ").removeprefix("INTERNALERROR>").removeprefix("ERROR:").strip()
+    last_line = (errors or lines or [decisive_line.SILENT])[-1]
+    return last_line.removeprefix("E  ").removeprefix("INTERNALERROR>").removeprefix("ERROR:").strip()
 
 
 def _message(element: ElementTree.Element) -> str:

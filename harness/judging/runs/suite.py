@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from harness.judging.runs import decisive_line
 from harness.judging.runs.check import TAKEN_AWAY, Ending
-from harness.judging.runs.fold import MEASURED_AGAIN, RUNS_TO_CONFIRM, beside
+from harness.judging.runs.fold import MEASURED_AGAIN, RUNS_TO_CONFIRM, environment_findings
 from harness.judging.runs.pytest_report import Report, outcome_of
 from harness.model import FAILING, CheckRecord, Finding, Level, Outcome, Phase, PhaseRecord, Suite
 from harness.probes.evidence import JUNIT, LOG, MODULES, Reading, Request
@@ -51,7 +51,7 @@ def fold(readings: Iterable[Reading], before: Folded | None = None) -> Folded:
     """Add these runs, in their order, to the results so far."""
     folded = before or Folded()
     for reading in readings:
-        folded = after(folded, reading)
+        folded = add_run(folded, reading)
     return folded
 
 
@@ -61,12 +61,12 @@ def judged_again(readings: Iterable[Reading]) -> PhaseRecord | None:
     return phase(folded, reused=False) if folded.ended else None
 
 
-def after(folded: Folded, reading: Reading) -> Folded:
+def add_run(folded: Folded, reading: Reading) -> Folded:
     """Add one more run to the results so far."""
-    ended, runs = _ended(reading), (*folded.runs, reading.name)
+    ended, runs = _judge_run(reading), (*folded.runs, reading.name)
     if reading.run.request.confirms:
-        known, passed = folded.ended, ended.outcome is Outcome.PASSED
-        return folded if known is None else replace(folded, ended=_again(known, passed=passed), runs=runs)
+        previous, passed = folded.ended, ended.outcome is Outcome.PASSED
+        return folded if previous is None else replace(folded, ended=_again(previous, passed=passed), runs=runs)
     if ended.outcome is Outcome.TIMED_OUT and not folded.overran:
         return Folded(overran=True, runs=runs)
     return Folded(ended=replace(ended, attempts=2 if folded.overran else 1), overran=folded.overran, runs=runs)
@@ -118,25 +118,25 @@ def phase(folded: Folded, *, reused: bool) -> PhaseRecord:
     )
 
 
-def _ended(reading: Reading) -> Ended:
+def _judge_run(reading: Reading) -> Ended:
     run, report = reading.run, Report.read(reading.text(JUNIT))
-    outcome, decisive = _judged(reading, report)
+    outcome, decisive = _judge_outcome(reading, report)
     if outcome in FAILING and not run.host.stood:
         outcome, decisive = Outcome.INFRA, TAKEN_AWAY
-    findings = beside(run.end.written, run.end.stray, Phase.SUITE)
+    findings = environment_findings(run.end.written, run.end.stray, Phase.SUITE)
     if outcome is Outcome.SKIPPED:  # a suite that says nothing is not passed over in silence
         empty = Finding(check="suite.empty", level=Level.WARNING, text=decisive or "no test ran")
         findings = (*findings, empty)
     return Ended(
         reading=reading,
         outcome=outcome,
-        decisive=decisive_line.bounded(decisive_line.normalise(decisive, {})) if decisive else None,
+        decisive=decisive_line.shorten_line(decisive_line.normalise(decisive, {})) if decisive else None,
         report=report,
         findings=findings,
     )
 
 
-def _judged(reading: Reading, report: Report) -> tuple[Outcome, str | None]:
+def _judge_outcome(reading: Reading, report: Report) -> tuple[Outcome, str | None]:
     if reading.run.host.source is not None:
         return Outcome.INFRA, reading.run.host.source
     return _foreign(reading.text(MODULES)) or outcome_of(report, ending_of(reading), reading.text(LOG))

@@ -74,8 +74,10 @@ def use(folder: Path) -> None:
         marks = folder.parent / "in-use"
         if marks not in _marks:
             folder.parent.mkdir(parents=True, exist_ok=True)
-            made = 0 if marks.exists() else os.O_CREAT  # which a shared folder may refuse though the file is there
-            _marks[marks] = _opened(marks, made)
+            create_flag = (
+                0 if marks.exists() else os.O_CREAT
+            )  # which a shared folder may refuse though the file is there
+            _marks[marks] = _opened(marks, create_flag)
         fcntl.lockf(_marks[marks], fcntl.LOCK_SH, 1, _byte(folder))
     with suppress(OSError):
         os.utime(folder)
@@ -123,11 +125,11 @@ def unused(folder: Path) -> Iterator[bool | None]:
         os.close(descriptor)
 
 
-def _opened(marks: Path, made: int) -> int:
+def _opened(marks: Path, create_flag: int) -> int:
     try:
-        return os.open(marks, os.O_RDWR | made, 0o666)
+        return os.open(marks, os.O_RDWR | create_flag, 0o666)
     except OSError:  # it is another user's, or the disk takes no write
-        return os.open(marks, os.O_RDONLY | made, 0o666)
+        return os.open(marks, os.O_RDONLY | create_flag, 0o666)
 
 
 def _byte(folder: Path) -> int:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from harness.machine.store import write_atomic
 from harness.model.errors import SHORTAGES, BadInput
-from harness.standalone.opening import opened
+from harness.standalone.opening import open_file
 
 LARGEST_TEXT = 4 << 20
 """Bytes of a matrix, a requirement file or another text that somebody wrote."""
@@ -29,7 +29,7 @@ def read_text(path: Path, where: str = "") -> str:
 def read_content(path: Path, where: str = "", largest: int = LARGEST_DOCUMENT) -> bytes:
     """Read a file of at most `largest` bytes. Raises BadInput; `where` names the file in messages."""
     try:
-        with opened(os.fspath(path)) as file:
+        with open_file(os.fspath(path)) as file:
             content = file.read(largest + 1)
     except OSError as error:
         message = f"{where or path}: cannot be read: {error.strerror}"

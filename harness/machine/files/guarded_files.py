@@ -39,7 +39,7 @@ def head(path: str | Path, most: int, *, follow: bool = False) -> bytes:
     return _piece(path, 0, most, follow=follow)
 
 
-def decoded(path: str | Path, most: int, decode: Callable[[bytes], T], *, follow: bool = False) -> T:
+def read_decoded(path: str | Path, most: int, decode: Callable[[bytes], T], *, follow: bool = False) -> T:
     """Return the whole content, decoded by `decode`. Raises Unreadable, whatever `decode` raises."""
     content = read(path, most, follow=follow)
     with understanding():
@@ -51,8 +51,8 @@ def decoder(kind: type[T]) -> msgspec.json.Decoder[T]:
     with _making:
         if kind not in _decoders:
             _decoders[kind] = msgspec.json.Decoder(kind)
-        found: msgspec.json.Decoder[T] = _decoders[kind]
-    return found
+        json_decoder: msgspec.json.Decoder[T] = _decoders[kind]
+    return json_decoder
 
 
 _making = Lock()
@@ -61,7 +61,7 @@ _decoders: dict[Any, Any] = {}
 
 def text(path: str | Path, most: int, *, follow: bool = False) -> str:
     """Return the whole content, which is UTF-8. Raises Unreadable."""
-    return decoded(path, most, bytes.decode, follow=follow)
+    return read_decoded(path, most, bytes.decode, follow=follow)
 
 
 def log_text(path: Path) -> str:
@@ -88,14 +88,14 @@ class Folder:
 
     def names(self, wanted: Callable[[str], object], most: int) -> list[str]:
         """Return the names of its regular files that are wanted, sorted, at most so many of them."""
-        found: list[str] = []
+        matches: list[str] = []
         with suppress(OSError), os.scandir(self._descriptor) as entries:
             for entry in entries:
                 if wanted(entry.name) and entry.is_file(follow_symlinks=False):
-                    found.append(entry.name)
-                if len(found) == most:
+                    matches.append(entry.name)
+                if len(matches) == most:
                     break
-        return sorted(found)
+        return sorted(matches)
 
     def head(self, name: str, most: int, start: int = 0) -> bytes:
         """Return the first `most` bytes of a file, counted from `start`. Raises Unreadable."""
@@ -130,11 +130,11 @@ def _content(descriptor: int, start: int, most: int) -> bytes:
     at = start if start >= 0 else max(0, about.st_size + start)
     pieces = []
     while most > 0:
-        asked = min(most, max(about.st_size - at + 1, 1 << 12), PIECE)
-        piece = os.pread(descriptor, asked, at)
+        size = min(most, max(about.st_size - at + 1, 1 << 12), PIECE)
+        piece = os.pread(descriptor, size, at)
         pieces.append(piece)
         at += len(piece)
         most -= len(piece)
-        if len(piece) < asked:
+        if len(piece) < size:
             break
     return b"".join(pieces)

@@ -17,18 +17,18 @@ def scratch_folder(parent: Path | None = None) -> Iterator[Path]:
     """Make an empty folder that is removed with the block; if its parent was removed meanwhile, make that again."""
     above = parent or Path(tempfile.gettempdir())
     try:
-        made = tempfile.mkdtemp(prefix="simmatrix-", dir=above)
+        folder = tempfile.mkdtemp(prefix="simmatrix-", dir=above)
     except FileNotFoundError:
         above.mkdir(parents=True, exist_ok=True)
-        made = tempfile.mkdtemp(prefix="simmatrix-", dir=above)
+        folder = tempfile.mkdtemp(prefix="simmatrix-", dir=above)
     try:
-        yield Path(made)
+        yield Path(folder)
     finally:
-        if not removed(Path(made)):
-            logging.getLogger("harness").warning("%s cannot be removed; it is of no use any more", made)
+        if not remove_folder(Path(folder)):
+            logging.getLogger("harness").warning("%s cannot be removed; it is of no use any more", folder)
 
 
-def removed(path: Path) -> bool:
+def remove_folder(path: Path) -> bool:
     """Remove a folder, however deep; tell whether it is gone. No link is followed."""
     with suppress(OSError):
         _empty(os.open(path, FOLDER))
@@ -52,12 +52,12 @@ def _empty(here: int) -> None:
                     here = below
                     folders.append(_unlinked(here))
                 continue
-            name, known = above.pop()
+            name, identity = above.pop()
             folders.pop()
             parent = os.open("..", FOLDER, dir_fd=here)
             os.close(here)
             here = parent
-            if _identity(here) != known:
+            if _identity(here) != identity:
                 return  # somebody moves folders meanwhile: nothing outside may be touched
             with suppress(OSError):  # it, or something in it, may not be changed
                 os.rmdir(name, dir_fd=here)

@@ -53,7 +53,7 @@ def guard(order: dict[str, Any], early: bytes) -> bytes:
     prctl(PR_SET_CHILD_SUBREAPER, 1)
     if order["confined"]:
         ready_gpu()
-    told, report = os.pipe()
+    reader, report = os.pipe()
     enter_namespaces(order)
     parent = os.getpid()
     keeper = os.fork()
@@ -66,7 +66,7 @@ def guard(order: dict[str, Any], early: bytes) -> bytes:
         finally:
             os._exit(0)
     os.close(report)
-    text, status = report_of(keeper, told)
+    text, status = report_of(keeper, reader)
     if not order["sandbox"].startswith("pid"):
         end_all({})
     if not text or status:
@@ -74,13 +74,13 @@ def guard(order: dict[str, Any], early: bytes) -> bytes:
     return text
 
 
-def report_of(keeper: int, told: int) -> tuple[bytes, int]:
+def report_of(keeper: int, reader: int) -> tuple[bytes, int]:
     """Read the report of the keeper until its end: (report, status). A stopped keeper is woken.
 
     Once the harness is gone the keeper has a while to end everything; then it is killed.
     """
     poller = select.poll()
-    poller.register(told, select.POLLIN)
+    poller.register(reader, select.POLLIN)
     poller.register(0, 0)  # its end alone; what comes there is the keeper's to read
     text, patience = b"", float("inf")
     while True:
@@ -89,7 +89,7 @@ def report_of(keeper: int, told: int) -> tuple[bytes, int]:
                 poller.unregister(0)
                 patience = time.monotonic() + PATIENCE
                 continue
-            data = os.read(told, CHUNK)
+            data = os.read(reader, CHUNK)
             if not data:
                 return text, ended(keeper)
             text += data
@@ -102,19 +102,19 @@ def report_of(keeper: int, told: int) -> tuple[bytes, int]:
 def stopped(pid: int) -> bool:
     """Tell whether a child was stopped; one that has ended is left to be waited for."""
     try:
-        found = os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
+        status = os.waitid(os.P_PID, pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT)
     except ChildProcessError:
         return False
-    return found is not None
+    return status is not None
 
 
 def ended(pid: int) -> int:
     """Wait for the end of a child, and return its status; wake it if it is stopped on its way."""
     while True:
-        found, status = os.waitpid(pid, os.WUNTRACED)
+        child, status = os.waitpid(pid, os.WUNTRACED)
         if not os.WIFSTOPPED(status):
             return status
-        os.kill(found, signal.SIGCONT)
+        os.kill(child, signal.SIGCONT)
 
 
 def failure(error: object) -> dict[str, Any]:

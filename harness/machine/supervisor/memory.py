@@ -40,7 +40,7 @@ class Memory:
         for pid, resident in descendants().items():
             held, shared = proportional(pid, resident)
             own, mapped = own + held, mapped + shared
-            files.update(in_memory(pid, known=self.private))
+            files.update(in_memory(pid, private=self.private))
         return own + max(mapped, sum(files.values()) + (used("/dev/shm") if self.private else 0))
 
     def kills(self) -> int:
@@ -94,28 +94,28 @@ def proportional(pid: int, resident: int) -> tuple[int, int]:
     """Measure a process in bytes, a shared page counted by its share: (memory of its own and of files, shared)."""
     try:
         with open(f"/proc/{pid}/smaps_rollup", "rb") as file:
-            found = {words[0]: int(words[1]) << 10 for words in map(bytes.split, file) if words[0].endswith(b":")}
+            sizes = {words[0]: int(words[1]) << 10 for words in map(bytes.split, file) if words[0].endswith(b":")}
     except PermissionError:
         return resident, 0
     except (OSError, ValueError, IndexError):  # it has ended
         return 0, 0
-    shared = found.get(b"Pss_Shmem:", 0)
-    return found.get(b"Pss:", 0) + found.get(b"SwapPss:", 0) - shared, shared
+    shared = sizes.get(b"Pss_Shmem:", 0)
+    return sizes.get(b"Pss:", 0) + sizes.get(b"SwapPss:", 0) - shared, shared
 
 
-def in_memory(pid: int, *, known: bool) -> dict[tuple[int, int], int]:
-    """Find the files without a disk that a process has open, with their bytes; `known` leaves out those of /dev/shm."""
-    found: dict[tuple[int, int], int] = {}
+def in_memory(pid: int, *, private: bool) -> dict[tuple[int, int], int]:
+    """Find the files without a disk that a process has open, with their bytes; `private` leaves out /dev/shm."""
+    files: dict[tuple[int, int], int] = {}
     folder = f"/proc/{pid}/fd"
     try:
         for name in os.listdir(folder):
             path = os.readlink(f"{folder}/{name}")
-            if path.startswith("/memfd:") or (not known and path.startswith(SHARED_MEMORY)):
+            if path.startswith("/memfd:") or (not private and path.startswith(SHARED_MEMORY)):
                 at = os.stat(f"{folder}/{name}")
-                found[at.st_dev, at.st_ino] = at.st_blocks * 512
+                files[at.st_dev, at.st_ino] = at.st_blocks * 512
     except OSError:  # it has ended, closed one, or is somebody else by now
-        return found
-    return found
+        return files
+    return files
 
 
 def used(folder: str) -> int:

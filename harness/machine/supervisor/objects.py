@@ -35,8 +35,8 @@ def remove(ours: Callable[[int], bool], before: set[tuple[str, int]]) -> None:
         for row in table(kind):
             number = row[column]
             if (kind, number) not in before:
-                found = (*(row[user] for user in users), *last_user(kind, number))
-                if any(pid > 0 and ours(pid) for pid in found):
+                pids = (*(row[user] for user in users), *last_user(kind, number))
+                if any(pid > 0 and ours(pid) for pid in pids):
                     discard(kind, number)
 
 

@@ -20,7 +20,7 @@ CHOWN, DAC_OVERRIDE, FOWNER, FSETID, KILL, SETGID, SETUID = 0, 1, 3, 4, 5, 6, 7
 NET_BIND_SERVICE, NET_RAW, IPC_LOCK, IPC_OWNER, SYS_CHROOT, SYS_NICE, SETFCAP = 10, 13, 14, 15, 18, 23, 31
 FILES = (CHOWN, DAC_OVERRIDE, FOWNER, FSETID, SETFCAP)
 OTHERS = (KILL, SETGID, SETUID, NET_BIND_SERVICE, NET_RAW, IPC_LOCK, IPC_OWNER, SYS_CHROOT, SYS_NICE)
-KEPT = sum(1 << capability for capability in (*FILES, *OTHERS))
+CAPABILITY_MASK = sum(1 << capability for capability in (*FILES, *OTHERS))
 CAPABILITIES = 64  # in the three sets of capset(2); the kernel refuses those that it does not know
 
 PR_CAPBSET_DROP, PR_SET_NO_NEW_PRIVS, PR_CAP_AMBIENT, PR_CAP_AMBIENT_CLEAR_ALL = 24, 38, 47, 4
@@ -51,7 +51,7 @@ def confine(apart: bool) -> None:
     """Give up the rights that the command is not to have, for ever; `apart` where it has no processes of its own."""
     prctl(PR_SET_NO_NEW_PRIVS, 1)
     for capability in range(CAPABILITIES):
-        if not KEPT >> capability & 1:
+        if not CAPABILITY_MASK >> capability & 1:
             try:
                 prctl(PR_CAPBSET_DROP, capability)
             except OSError:  # one that this kernel does not know, or we may not drop any: then they go with exec
@@ -75,8 +75,8 @@ def drop_now() -> None:
     header, sets = (ctypes.c_uint32 * 2)(CAPABILITY_VERSION, 0), (ctypes.c_uint32 * 6)()
     call("capget", header, sets)
     for number in range(6):  # effective, permitted, inheritable: of the capabilities below 32, then of those above
-        kept = KEPT >> 32 * (number // 3) & 0xFFFFFFFF
-        sets[number] = 0 if number % 3 == 2 else sets[number] & kept
+        mask = CAPABILITY_MASK >> 32 * (number // 3) & 0xFFFFFFFF
+        sets[number] = 0 if number % 3 == 2 else sets[number] & mask
     call("capset", header, sets)
 
 

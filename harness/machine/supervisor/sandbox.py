@@ -177,8 +177,8 @@ def shield(folders: list[str], open_folders: list[tuple[str, int]]) -> None:
 def read_only(folder: str) -> None:
     """Mount a folder over itself, so that nothing can be written to it."""
     mount(folder, folder, None, MS_BIND | MS_REC)
-    kept = os.statvfs(folder).f_flag & (MS_NOSUID | MS_NODEV | MS_NOEXEC | MS_NOATIME | MS_NODIRATIME)
-    mount("none", folder, None, MS_REMOUNT | MS_BIND | MS_RDONLY | kept)
+    flags = os.statvfs(folder).f_flag & (MS_NOSUID | MS_NODEV | MS_NOEXEC | MS_NOATIME | MS_NODIRATIME)
+    mount("none", folder, None, MS_REMOUNT | MS_BIND | MS_RDONLY | flags)
 
 
 def reopen(open_folders: list[tuple[str, int]], closed: list[str]) -> None:

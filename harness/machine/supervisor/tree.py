@@ -50,13 +50,13 @@ def processes() -> dict[int, list[tuple[int, int | None]]]:
 
 def below(root: int, children: dict[int, list[tuple[int, int | None]]]) -> dict[int, int]:
     """Return the living processes below `root`, with their resident bytes."""
-    found, parents = {}, [root]
+    memory_by_pid, parents = {}, [root]
     while parents:
         for pid, resident in children.get(parents.pop(), ()):
             parents.append(pid)
             if resident is not None:
-                found[pid] = resident
-    return found
+                memory_by_pid[pid] = resident
+    return memory_by_pid
 
 
 def reap(ended: dict[int, int]) -> None:

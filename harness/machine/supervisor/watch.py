@@ -29,7 +29,7 @@ PR_SET_PDEATHSIG = 1
 
 def spawn(order: dict[str, Any], output: int) -> int:
     """Start the command with everything it prints going to `output`; return its pid."""
-    told, trouble = os.pipe()
+    reader, trouble = os.pipe()
     pid = os.fork()
     if pid == 0:
         try:
@@ -39,7 +39,7 @@ def spawn(order: dict[str, Any], output: int) -> int:
         finally:
             os._exit(127)
     os.close(trouble)
-    with open(told, "rb") as file:
+    with open(reader, "rb") as file:
         message = file.read().decode()
     if message:
         os.waitpid(pid, 0)

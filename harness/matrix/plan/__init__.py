@@ -10,15 +10,15 @@ from harness.matrix.plan.sources import Project, Sources, index_settings
 from harness.matrix.plan.speaking import brings_models
 from harness.matrix.plan.strategies import Candidates
 from harness.matrix.plan.trial import NAME as TRY_MATRIX
-from harness.matrix.plan.trial import Asked, cases_for, single, unspoken
+from harness.matrix.plan.trial import TrialOptions, cases_for, single, unspoken
 
 __all__ = [
     "TRY_MATRIX",
     "Ask",
-    "Asked",
     "Candidates",
     "Project",
     "Sources",
+    "TrialOptions",
     "brings_models",
     "candidates",
     "cases_for",

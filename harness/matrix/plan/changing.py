@@ -10,7 +10,7 @@ from harness.matrix.matrix_types import ChangedTable, ChangeTable, Matrix
 from harness.matrix.plan.choices import Choice, Combination, condition
 from harness.matrix.plan.contents import Contents
 from harness.model import Cell, Expectation, Tried, cellid
-from harness.model.schema import located
+from harness.model.schema import locate_errors
 from harness.model.vocabulary import Kind
 
 BESIDES = ("needs", "system", "files", "empty", "python_path", "bring", "extras", "groups")
@@ -37,7 +37,7 @@ class Changing:
         for index, table in enumerate(self.matrix.change):
             if self.conditions[index].holds(combination) and (not table.cells or cellid.fits(table.cells, cell)):
                 self.fitting.add(index)
-                with located(self.matrix.path, "change", index):
+                with locate_errors(self.matrix.path, "change", index):
                     changed = self._changed(cell, combination, index, table)
                     if changed.id in self.made:
                         message = f'another change of {cell.id} is called "{table.name}", too'
@@ -70,7 +70,7 @@ class Changing:
             subject=self.contents.subject((*combination, choice)),
         )
         return replace(
-            changes.applied(surrounded, change, self.contents.recipes),
+            changes.apply(surrounded, change, self.contents.recipes),
             id=changes.id_of(cell, str(table.name), change),
             base=cell.id,
             tried=Tried(

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from harness.matrix.matrix_types import NO_CHANGES, Axis, CaseTable, Changes, Expansion, Matrix, Value
 from harness.model import cellid
-from harness.model.schema import located
+from harness.model.schema import locate_errors
 from harness.model.vocabulary import HOST, NONE, UNSET, Kind, Label, When, alternatives, matcher
 
 
@@ -31,7 +31,7 @@ Combination = tuple[Choice, ...]
 def _values(matrix: Matrix, name: str, axis: Axis, expansion: Expansion | None) -> tuple[Value, ...]:
     if axis.range is None:
         return axis.values
-    with located(matrix.path, "axes", name):
+    with locate_errors(matrix.path, "axes", name):
         if expansion is None:
             message = f'the range is not expanded yet; run "simmatrix lock {matrix.path}"'
             raise ValueError(message)
@@ -48,34 +48,34 @@ def choices(matrix: Matrix, expansion: Expansion | None, host: str) -> dict[str,
 
 
 def _distinct_choices(matrix: Matrix, name: str, values: Iterable[Value], host: str) -> tuple[Choice, ...]:
-    with located(matrix.path, "axes", name):
-        found = tuple(choice_of(name, matrix.axes[name].kind, value, host) for value in values)
-        known: dict[str, Choice] = {}
-        for choice in found:
-            twin = known.setdefault(cellid.as_folder(choice.label), choice)
+    with locate_errors(matrix.path, "axes", name):
+        axis_choices = tuple(choice_of(name, matrix.axes[name].kind, value, host) for value in values)
+        by_folder: dict[str, Choice] = {}
+        for choice in axis_choices:
+            twin = by_folder.setdefault(cellid.as_folder(choice.label), choice)
             if twin is not choice:
                 message = f'"{twin.asked}" and "{choice.asked}" cannot be told apart: both are "{choice.label}"'
                 raise ValueError(message)
-    return found
+    return axis_choices
 
 
 def choice_of(name: str, kind: Kind, value: Value, host: str) -> Choice:
     """Return one value of one axis. Raises ValueError if ids cannot name it."""
-    asked = value.text
+    literal = value.text
     match kind:
         case Kind.PYTHON:
-            text = host if asked == HOST else asked
+            text = host if literal == HOST else literal
             label = f"py{text}"
         case Kind.PACKAGE:
-            text = asked
-            label = cellid.package(name, asked)
+            text = literal
+            label = cellid.package(name, literal)
         case Kind.BUNDLE | Kind.VARIABLE:
-            text = asked or UNSET
-            label = cellid.spelled(text)
+            text = literal or UNSET
+            label = cellid.spell(text)
         case Kind.EXTRA | Kind.GROUP:
-            text, label = asked or NONE, cellid.spelled(asked) or f"no-{kind}"
+            text, label = literal or NONE, cellid.spell(literal) or f"no-{kind}"
     Label.canonical(text)
-    return Choice(axis=name, kind=kind, asked=asked, text=text, label=label, changes=value.changes, cases=value.cases)
+    return Choice(axis=name, kind=kind, asked=literal, text=text, label=label, changes=value.changes, cases=value.cases)
 
 
 class Condition(NamedTuple):

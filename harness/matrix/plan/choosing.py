@@ -12,7 +12,7 @@ from harness.matrix.plan.choices import Choice, Combination
 from harness.matrix.plan.covering import Row, covering
 from harness.matrix.plan.strategies import Candidates, weight
 from harness.model import Cell, cellid
-from harness.model.schema import located
+from harness.model.schema import locate_errors
 from harness.model.vocabulary import ABSENT, Kind
 
 Ask = Callable[[Sequence[Cell]], list[str | None]]
@@ -25,7 +25,7 @@ def choose(candidates: Candidates, ask: Ask, say: Callable[[str], None]) -> Chos
     A combination that does not resolve is reduced to the pins that have a part in that, so that one answer rules out
     many combinations.
     """
-    with located(candidates.matrix.path, "strategy"):
+    with locate_errors(candidates.matrix.path, "strategy"):
         candidates.check()
     search = _Search(candidates, ask)
     rows = search.run(say)
@@ -94,28 +94,28 @@ class _Search:
         """Drop the pin of this axis from each failed part that fails without it as well."""
         smaller = {row: self._without(parts[row], {axis}) for row in failed}
         distinct = {part: row for row, part in smaller.items()}
-        asked = [(self.candidates.combination(row), part) for part, row in distinct.items()]
-        answers = dict(zip(distinct, self._answers(asked), strict=True))
+        questions = [(self.candidates.combination(row), part) for part, row in distinct.items()]
+        answers = dict(zip(distinct, self._answers(questions), strict=True))
         for row, part in smaller.items():
             if reason := answers[part]:
                 parts[row], failed[row] = part, reason
 
-    def _answers(self, asked: Sequence[tuple[Combination, Combination]]) -> list[str | None]:
+    def _answers(self, questions: Sequence[tuple[Combination, Combination]]) -> list[str | None]:
         """Ask whether combinations resolve, each with only the pins of its given part."""
-        return self.ask([self._cell(whole, part) for whole, part in asked])
+        return self.ask([self._cell(whole, part) for whole, part in questions])
 
     def _cell(self, whole: Combination, part: Combination) -> Cell:
         """Return a cell that is only resolved, never run."""
         name, contents = self.candidates.matrix.name, self.candidates.contents
         question = contents.question(whole)
         gone = {f"{choice.axis}=={choice.text}" for choice in set(whole) - set(part) if _is_pin(choice)}
-        kept = tuple(text for text in question.requirements if text not in gone)
+        requirements = tuple(text for text in question.requirements if text not in gone)
         return Cell(
-            id=cellid.built(name, [choice.label for choice in part]),
+            id=cellid.build(name, [choice.label for choice in part]),
             matrix=name,
             axes={choice.axis: choice.text for choice in part},
             python=next(choice.asked for choice in whole if choice.kind is Kind.PYTHON),
-            question=replace(question, requirements=kept),
+            question=replace(question, requirements=requirements),
             environment={},
             cases=(),
             subject=contents.subject(whole),

@@ -22,10 +22,10 @@ from harness.matrix.matrix_types import (
 )
 from harness.matrix.plan.choices import Choice, Combination, Condition, condition
 from harness.matrix.plan.sources import Sources, index_settings
-from harness.matrix.plan.speaking import spoken
+from harness.matrix.plan.speaking import find_api
 from harness.model import Bring, Case, Change, Phase, Question, Subject, Suite
 from harness.model.errors import BadInput
-from harness.model.schema import key_path, located, suggestion
+from harness.model.schema import key_path, locate_errors, suggestion
 from harness.model.vocabulary import (
     ABSENT,
     APIS,
@@ -179,7 +179,7 @@ class Contents:
 
     def _speaking(self, case: Case, combination: Combination) -> Case:
         """Return the case with the API that the requirements of a combination imply, as for `try`."""
-        api = spoken(case.env or "", self.question(combination).requirements)
+        api = find_api(case.env or "", self.question(combination).requirements)
         if api is None:
             message = (
                 f'{self.matrix.path}: cases: the key "api" is missing of "{case.env}", and nothing that is asked for '
@@ -197,9 +197,9 @@ class Contents:
                 yield own.get(id(case), case), f"{key_path('axes', choice.axis, choice.asked, 'cases', index)}"
 
     def _check_distinct(self, cases: Iterable[Case]) -> None:
-        known: dict[str, Case] = {}
+        by_id: dict[str, Case] = {}
         for case in cases:
-            if known.setdefault(case.id.casefold(), case) is not case:
+            if by_id.setdefault(case.id.casefold(), case) is not case:
                 message = f'{self.matrix.path}: cases: two cases of one cell have the id "{case.id}"; give one an "id"'
                 raise BadInput(message)
 
@@ -207,14 +207,14 @@ class Contents:
         parts = self._parts(combination)
         packages = [choice for choice in combination if choice.kind is Kind.PACKAGE]
         absent = tuple(choice.axis for choice in packages if choice.text == ABSENT)
-        asked = [text for part in parts for text in part.requirements if required_name(text) not in absent]
+        requirements = [text for part in parts for text in part.requirements if required_name(text) not in absent]
         pins = [f"{choice.axis}=={choice.text}" for choice in packages if choice.text != ABSENT]
 
         def holding(rules: Iterable[Rules]) -> tuple[str, ...]:
             return _distinct(text for each in rules for text, when in each if when.holds(combination))
 
         question = Question(
-            requirements=_distinct([*asked, *pins]),
+            requirements=_distinct([*requirements, *pins]),
             constraints=holding(part.constraints for part in parts),
             overrides=holding(part.overrides for part in parts),
             build_constraints=holding(part.build_constraints for part in parts),
@@ -228,9 +228,9 @@ class Contents:
             snapshot=self.snapshot,
         )
         names = _distinct(str(name) for part in parts for name in part.changes.overlay)
-        with located(self.matrix.path, "overlay"):
+        with locate_errors(self.matrix.path, "overlay"):
             return replace(
-                question, overlay=overlay_recipes.fitting(overlay_recipes.chosen(self.recipes, names), question)
+                question, overlay=overlay_recipes.fitting(overlay_recipes.find_repairs(self.recipes, names), question)
             )
 
     def _surroundings(self, combination: Combination) -> Surroundings:
@@ -253,13 +253,13 @@ class Contents:
 
     def _brought(self, changes: Iterable[Changes]) -> dict[str, BringTable]:
         """Return what the user has to supply for a cell. Raises BadInput if one variable names two things."""
-        found = {str(name): table for change in changes for name, table in change.bring.items()}
-        variables = [str(table.variable) for table in found.values()]
+        tables = {str(name): table for change in changes for name, table in change.bring.items()}
+        variables = [str(table.variable) for table in tables.values()]
         twice = next((one for one in variables if variables.count(one) > 1), None)
         if twice:
             message = f'{self.matrix.path}: bring: "{twice}" names two things; give each a variable of its own'
             raise BadInput(message)
-        return found
+        return tables
 
     def _check_places(self, files: Iterable[str]) -> None:
         """Refuse a file where a folder has to be."""
@@ -270,13 +270,13 @@ class Contents:
                 raise BadInput(message)
 
     def _parts(self, combination: Combination) -> list[_Part]:
-        found = [self.base]
+        parts = [self.base]
         for choice in combination:
             if choice.changes is not NO_CHANGES:
                 if choice not in self.parts:
                     self.parts[choice] = self._part(choice.changes, choice.cases)
-                found.append(self.parts[choice])
-        return found
+                parts.append(self.parts[choice])
+        return parts
 
     def _part(self, changes: Changes, cases: Iterable[CaseTable]) -> _Part:
         return _Part(

@@ -63,15 +63,15 @@ def uncovered(rows: Iterable[Row], sizes: Sequence[int], ways: int) -> list[Part
     """Return the parts of at most `ways` axes that no row has; parts that contain a listed one are left out."""
     chosen = list(rows)
     missing: list[Part] = []
-    known: set[Part] = set()
+    smaller: set[Part] = set()
     for number in range(1, ways + 1):
         there = {part for row in chosen for part in parts(row, number)}
         for axes in combinations(range(len(sizes)), number):
             for values in product(*(range(sizes[axis]) for axis in axes)):
                 part = tuple(zip(axes, values, strict=True))
-                if part not in there and not any(piece in known for piece in _pieces(part)):
+                if part not in there and not any(piece in smaller for piece in _pieces(part)):
                     missing.append(part)
-        known.update(missing)
+        smaller.update(missing)
     return missing
 
 

@@ -18,7 +18,7 @@ from harness.matrix.plan.sources import Sources
 from harness.matrix.plan.strategies import Axes, Candidates, baseline_combinations
 from harness.model import Case, Cell, Dropped, Expectation, Plan, Suite, cellid
 from harness.model.errors import BadInput
-from harness.model.schema import located, suggestion
+from harness.model.schema import locate_errors, suggestion
 from harness.model.vocabulary import Kind
 
 NO_CASE = "no case exists for it"
@@ -37,7 +37,7 @@ def make_plan(sources: Sources) -> Plan:
     choice = _candidates(sources, axes, contents, sorted_out)
     sorted_out.planned = choice.chosen(sources.expansion)
     for index, table in enumerate(matrix.include):
-        with located(matrix.path, "include", index, "axes"):
+        with locate_errors(matrix.path, "include", index, "axes"):
             _include(sorted_out, matrix, _combination(matrix, axes, table.axes, sources.host_python), contents)
     changing = Changing(matrix, contents, sorted_out.claim)
     cells, unmet = _cells(matrix, sorted_out.planned, contents, changing)
@@ -77,9 +77,9 @@ def _all(sources: Sources) -> tuple[Axes, Contents, _SortedOut]:
     """Return the axes, the contents, and every combination, sorted into those that can be run and those that cannot."""
     matrix, expansion = sources.matrix, sources.expansion
     axes = choices(matrix, expansion, sources.host_python)
-    with located(matrix.path, "axes"):
+    with locate_errors(matrix.path, "axes"):
         _check_size(axes)
-    with located(matrix.path, "strategy"):
+    with locate_errors(matrix.path, "strategy"):
         _check_parts(axes, matrix.strategy.covering)
     dated = expansion and (matrix.ranges or matrix.strategy.covering)
     snapshot = matrix.snapshot or (expansion.instant if expansion and dated else None)
@@ -95,7 +95,7 @@ def _check_size(axes: Axes) -> None:
     factors = " x ".join(f"{len(listed)} {name}" for name, listed in axes.items() if len(listed) > 1)
     longest = max(axes, key=lambda name: len(axes[name]))
     message = (
-        f"{amount(count)} combinations ({shortened(factors)}), at most {MOST:,} can be planned, whatever a strategy, an"
+        f"{amount(count)} combinations ({shorten(factors)}), at most {MOST:,} can be planned, whatever a strategy, an"
         f' exclude or -k leaves of them; list fewer values, first of all of "{longest}", or split the matrix'
     )
     raise ValueError(message)
@@ -115,18 +115,18 @@ def amount(count: int) -> str:
     return f"{count:,}" if 0 < len(digits) <= 15 else f"about 10^{len(digits) - 1}" if digits else "countless"
 
 
-def shortened(text: str, most: int = 120) -> str:
+def shorten(text: str, most: int = 120) -> str:
     """Cut a text to `most` characters."""
     return text if len(text) <= most else f"{text[:most]} ..."
 
 
-def _candidates(sources: Sources, axes: Axes, contents: Contents, found: _SortedOut) -> Candidates:
+def _candidates(sources: Sources, axes: Axes, contents: Contents, sorted_out: _SortedOut) -> Candidates:
     return Candidates(
         matrix=sources.matrix,
         axes=axes,
         contents=contents,
-        combinations=found.planned,
-        excluded=found.dropped,
+        combinations=sorted_out.planned,
+        excluded=sorted_out.dropped,
         breaks=sources.breaks,
     )
 
@@ -157,54 +157,54 @@ class _SortedOut:
 
 def _sort_out(matrix: Matrix, axes: Mapping[str, tuple[Choice, ...]], contents: Contents) -> _SortedOut:
     excludes = [(condition(matrix, table.when), table.reason) for table in matrix.exclude]
-    found = _SortedOut()
+    sorted_out = _SortedOut()
     matched: set[int] = set()
-    with located(matrix.path, "axes"):
+    with locate_errors(matrix.path, "axes"):
         for combination in product(*axes.values()):
             name = _id(matrix, combination)
-            found.claim(name)
+            sorted_out.claim(name)
             hits = [index for index, (when, _) in enumerate(excludes) if when.holds(combination)]
             matched.update(hits)
             if hits:
-                found.dropped[name] = excludes[hits[0]][1]
+                sorted_out.dropped[name] = excludes[hits[0]][1]
             elif contents.cases(combination):
-                found.planned[name] = combination
+                sorted_out.planned[name] = combination
             else:
-                found.dropped[name] = NO_CASE
-    found.stale = tuple(
+                sorted_out.dropped[name] = NO_CASE
+    sorted_out.stale = tuple(
         f'{_file(matrix)}: exclude[{index}] matches no combination (reason: "{reason}")'
         for index, (_, reason) in enumerate(excludes)
         if index not in matched
     )
-    return found
+    return sorted_out
 
 
 def _combination(
-    matrix: Matrix, axes: Mapping[str, tuple[Choice, ...]], asked: Mapping[str, str], host_python: str
+    matrix: Matrix, axes: Mapping[str, tuple[Choice, ...]], literals: Mapping[str, str], host_python: str
 ) -> Combination:
     """Return an included combination; its values need not be listed by the axes."""
     return tuple(
-        next((choice for choice in listed if choice.asked == asked[name]), None)
-        or choice_of(name, matrix.axes[name].kind, Value(text=asked[name]), host_python)
+        next((choice for choice in listed if choice.asked == literals[name]), None)
+        or choice_of(name, matrix.axes[name].kind, Value(text=literals[name]), host_python)
         for name, listed in axes.items()
     )
 
 
-def _include(found: _SortedOut, matrix: Matrix, combination: Combination, contents: Contents) -> None:
+def _include(sorted_out: _SortedOut, matrix: Matrix, combination: Combination, contents: Contents) -> None:
     name = _id(matrix, combination)
-    if name in found.planned:
+    if name in sorted_out.planned:
         message = f'"{name}" is planned already'
         raise ValueError(message)
     if not contents.cases(combination):
         message = f'no case exists for "{name}"'
         raise ValueError(message)
-    if found.dropped.pop(name, None) is None:
-        found.claim(name)
-    found.planned[name] = combination
+    if sorted_out.dropped.pop(name, None) is None:
+        sorted_out.claim(name)
+    sorted_out.planned[name] = combination
 
 
 def _id(matrix: Matrix, combination: Combination) -> str:
-    return cellid.built(matrix.name, [choice.label for choice in combination])
+    return cellid.build(matrix.name, [choice.label for choice in combination])
 
 
 # --- cells -----------------------------------------------------------------------------------------------------
@@ -286,15 +286,15 @@ def _expected(matrix: Matrix, index: int, table: ExpectTable) -> _Expected:
 
 def _variants(matrix: Matrix, planned: Mapping[str, Combination]) -> tuple[frozenset[str], tuple[str, ...]]:
     """Return the ids of the cells under a side condition, and a line for each `variant` that no cell meets."""
-    found: set[str] = set()
+    cell_ids: set[str] = set()
     unmet = []
     for index, table in enumerate(matrix.variant):
         when = condition(matrix, table.when)
         hits = {name for name, combination in planned.items() if when.holds(combination)}
-        found |= hits
+        cell_ids |= hits
         if not hits:
             unmet.append(f'{_file(matrix)}: variant[{index}] matches no cell (reason: "{table.reason}")')
-    return frozenset(found), tuple(unmet)
+    return frozenset(cell_ids), tuple(unmet)
 
 
 def _check_subjects(sources: Sources, contents: Contents) -> None:

@@ -42,15 +42,15 @@ def speakers(requirements: Iterable[str]) -> tuple[Speaker, ...]:
     return tuple(rows[name] for name in dict.fromkeys(map(required_name, requirements)) if name in rows)
 
 
-def spoken(env: str, requirements: Collection[str]) -> str | None:
+def find_api(env: str, requirements: Collection[str]) -> str | None:
     """Return the API for an id that names none: gym or gymnasium, whichever is required first, else `meant`."""
     named = next((name for name in map(required_name, requirements) if name in FAMILY), None)
-    return named or meant(env, requirements)
+    return named or guess_api(env, requirements)
 
 
-def meant(env: str, requirements: Collection[str]) -> str | None:
+def guess_api(env: str, requirements: Collection[str]) -> str | None:
     """Return the only API that an id without one can mean, given the requirements; None if there may be others."""
     if any(required_name(text) in FAMILY for text in requirements):
         return None
-    found = [row.api for row in speakers(requirements) if re.fullmatch(row.ids, env)]
-    return found[0] if len(found) == 1 else None
+    apis = [row.api for row in speakers(requirements) if re.fullmatch(row.ids, env)]
+    return apis[0] if len(apis) == 1 else None

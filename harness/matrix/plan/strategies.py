@@ -21,7 +21,7 @@ from harness.matrix.plan.contents import Contents
 from harness.matrix.plan.covering import Part, Row, uncovered
 from harness.matrix.version_ranges import Breaks, boundaries
 from harness.model import Dropped, cellid
-from harness.model.schema import located, suggestion
+from harness.model.schema import locate_errors, suggestion
 from harness.model.vocabulary import ABSENT, Kind
 
 Axes = Mapping[str, tuple[Choice, ...]]
@@ -37,12 +37,12 @@ WITHOUT_WEIGHT = {
 
 def baseline_combinations(matrix: Matrix, axes: Axes) -> frozenset[Combination]:
     """Return the baselines of the strategy, and the combinations that differ from one in one axis."""
-    found: set[Combination] = set()
+    combinations: set[Combination] = set()
     for named in matrix.strategy.baselines:
         base = _baseline(matrix, axes, named)
         for position, choices in enumerate(axes.values()):
-            found.update((*base[:position], choice, *base[position + 1 :]) for choice in choices)
-    return frozenset(found)
+            combinations.update((*base[:position], choice, *base[position + 1 :]) for choice in choices)
+    return frozenset(combinations)
 
 
 def _baseline(matrix: Matrix, axes: Axes, named: Mapping[str, str]) -> Combination:
@@ -51,12 +51,12 @@ def _baseline(matrix: Matrix, axes: Axes, named: Mapping[str, str]) -> Combinati
     )
 
 
-def _named(matrix: Matrix, choices: Sequence[Choice], asked: str) -> Choice:
-    with located(matrix.path, "strategy", "baseline", choices[0].axis):
+def _named(matrix: Matrix, choices: Sequence[Choice], literal: str) -> Choice:
+    with locate_errors(matrix.path, "strategy", "baseline", choices[0].axis):
         for choice in choices:
-            if choice.asked == asked:
+            if choice.asked == literal:
                 return choice
-        message = f'the axis has no value "{asked}"{suggestion(asked, [choice.asked for choice in choices])}'
+        message = f'the axis has no value "{literal}"{suggestion(literal, [choice.asked for choice in choices])}'
         raise ValueError(message)
 
 
@@ -68,16 +68,16 @@ def _default(choices: Sequence[Choice]) -> Choice:
 
 def _at_boundaries(axes: Axes, breaks: Breaks) -> Callable[[Combination], bool]:
     """Return a test: has each package of a combination the newest patch of a minor, or is it at an API break?"""
-    kept: set[Choice] = set()
+    allowed: set[Choice] = set()
     for name, choices in axes.items():
         versions = {choice.text: choice for choice in choices if choice.text != ABSENT}
         if choices[0].kind is Kind.PACKAGE:
             wanted = boundaries(map(Version, versions), breaks.get(name, ()))
-            kept.update(choice for text, choice in versions.items() if Version(text) in wanted)
-            kept.update(choice for choice in choices if choice.text == ABSENT)
+            allowed.update(choice for text, choice in versions.items() if Version(text) in wanted)
+            allowed.update(choice for choice in choices if choice.text == ABSENT)
         else:
-            kept.update(choices)
-    return kept.issuperset
+            allowed.update(choices)
+    return allowed.issuperset
 
 
 # --- all together ----------------------------------------------------------------------------------------------
@@ -114,7 +114,7 @@ class Candidates:
     @property
     def made_from(self) -> str:
         """Return a hash of all that decides a covering array's combinations, except the index."""
-        said: dict[str, Any] = {
+        inputs: dict[str, Any] = {
             "axes": {
                 name: [(choice.asked, weight(choice.changes, NO_CHANGES)) for choice in choices]
                 for name, choices in self.axes.items()
@@ -123,7 +123,7 @@ class Candidates:
             "named": [self.row(each) for each in self.named.values()],
             "matrix": weight(self.matrix, MatrixTable(axes={})),
         }
-        return hashlib.sha256(msgspec.json.encode(said, enc_hook=_plain, order="deterministic")).hexdigest()
+        return hashlib.sha256(msgspec.json.encode(inputs, enc_hook=_plain, order="deterministic")).hexdigest()
 
     def row(self, combination: Combination) -> Row:
         """Return a combination as positions in its axes."""
@@ -146,16 +146,16 @@ class Candidates:
         strategy = self.matrix.strategy
         if strategy.full:
             return dict(self.combinations)
-        with located(self.matrix.path, "strategy"):
+        with locate_errors(self.matrix.path, "strategy"):
             self.check()
             if not strategy.covering:
                 return self.named
-            found = self._covering(expansion)
-        covering = {self.names[values] for values in found.combinations}
+            selection = self._covering(expansion)
+        covering = {self.names[values] for values in selection.combinations}
         return {
             name: each
             for name, each in self.combinations.items()
-            if name in covering or (name in self.named and not any(_has(each, e.axes) for e in found.unresolvable))
+            if name in covering or (name in self.named and not any(_has(each, e.axes) for e in selection.unresolvable))
         }
 
     def check(self) -> None:
@@ -168,7 +168,7 @@ class Candidates:
         for named in self.matrix.strategy.baselines:
             base = _baseline(self.matrix, self.axes, named)
             if base not in labels:
-                name = cellid.built(self.matrix.name, [choice.label for choice in base])
+                name = cellid.build(self.matrix.name, [choice.label for choice in base])
                 why = self.excluded[name]
                 message = (
                     f'the baseline "{cellid.label(name)}" is left out ({why}); name another: {{ baseline = {{ ... }} }}'
@@ -190,16 +190,16 @@ class Candidates:
         chosen = expansion.chosen
         if not isinstance(chosen, Chosen) or chosen.made_from != self.made_from or not expansion.fits(self.matrix):
             return False
-        known = {(name, choice.asked) for name, choices in self.axes.items() for choice in choices}
+        axis_values = {(name, choice.asked) for name, choices in self.axes.items() for choice in choices}
         return self.names.keys() >= set(chosen.combinations) and all(
-            known >= set(entry.axes.items()) for entry in chosen.unresolvable
+            axis_values >= set(entry.axes.items()) for entry in chosen.unresolvable
         )
 
     def left_out(self, chosen: Mapping[str, Combination], expansion: Expansion | None) -> Iterator[Dropped]:
         """Yield what the strategy leaves out, summed up in a few entries."""
         rest = {name: each for name, each in self.combinations.items() if name not in chosen}
-        told = expansion.chosen if expansion and self.matrix.strategy.covering else None
-        for entry in told.unresolvable if isinstance(told, Chosen) else ():
+        selection = expansion.chosen if expansion and self.matrix.strategy.covering else None
+        for entry in selection.unresolvable if isinstance(selection, Chosen) else ():
             gone = [name for name, each in rest.items() if _has(each, entry.axes)]
             for name in gone:
                 del rest[name]
@@ -211,20 +211,20 @@ class Candidates:
             )
             if gone:
                 reason = f"does not resolve: {entry.reason}"
-                yield Dropped(id=cellid.built(self.matrix.name, parts), reason=reason, count=len(gone))
+                yield Dropped(id=cellid.build(self.matrix.name, parts), reason=reason, count=len(gone))
         if rest:
             listed = [each for name, each in self.combinations.items() if name in chosen]
             yield Dropped(id=f"{self.matrix.name}/*", reason=self._unchosen(listed), count=len(rest))
 
     def _unchosen(self, chosen: Iterable[Combination]) -> str:
         strategy = self.matrix.strategy
-        said = f"not chosen by {' and '.join(strategy.names)}"
+        reason = f"not chosen by {' and '.join(strategy.names)}"
         if not strategy.covering:
-            return said
+            return reason
         every = {1: "value", 2: "pair of values"}.get(strategy.ways, f"combination of {strategy.ways} values")
         rows = [self.row(each) for each in chosen]
         missing = uncovered(rows, [len(choices) for choices in self.axes.values()], strategy.ways)
-        return f"{said}; each {every} is in some cell{self._but(missing)}"
+        return f"{reason}; each {every} is in some cell{self._but(missing)}"
 
     def _but(self, missing: Sequence[Part]) -> str:
         """List the values that are together in no cell; parts that differ only in the last value share a phrase."""
@@ -234,8 +234,10 @@ class Candidates:
             *first, last = [(names[axis], self.axes[names[axis]][place].text or "unset") for axis, place in part]
             head = " and ".join(f"{name} {text}" for name, text in first)
             phrases.setdefault((head, last[0]), []).append(last[1])
-        told = [f"{head} with " * bool(head) + f"{name} {', '.join(texts)}" for (head, name), texts in phrases.items()]
-        return f", but for these, excluded or without a resolution: {'; '.join(told)}" if told else ""
+        clauses = [
+            f"{head} with " * bool(head) + f"{name} {', '.join(texts)}" for (head, name), texts in phrases.items()
+        ]
+        return f", but for these, excluded or without a resolution: {'; '.join(clauses)}" if clauses else ""
 
 
 def _has(combination: Combination, values: Mapping[str, str]) -> bool:

@@ -12,11 +12,11 @@ from packaging.version import Version
 
 from harness.matrix import overlay_recipes
 from harness.matrix.plan.contents import IMPORTED
-from harness.matrix.plan.speaking import meant, speakers, spoken
+from harness.matrix.plan.speaking import find_api, guess_api, speakers
 from harness.model import Case, Cell, IndexSettings, Phase, Plan, Question, Repair, Subject, cellid
 from harness.model.cellid import Detail
 from harness.model.errors import BadInput
-from harness.model.schema import located, suggestion
+from harness.model.schema import locate_errors, suggestion
 from harness.model.vocabulary import (
     APIS,
     FAMILY,
@@ -48,7 +48,7 @@ GYMNASIUM_1_UPLOADED = "2024-10-08"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Asked:
+class TrialOptions:
     """The options of a `try` command line, as given; `python` is a version or `host`.
 
     `brought` is the API to use for environments of which nothing else tells it. `interpreter` is the path of the
@@ -79,61 +79,61 @@ class Asked:
     listed: tuple[str, ...] = ()
 
 
-def single(asked: Asked) -> Plan:
+def single(options: TrialOptions) -> Plan:
     """Plan the one cell that is asked for; its axes are Python and the packages that are pinned."""
-    question = _question(asked)
-    for name in asked.environment:
-        with located("--set"):
+    question = _question(options)
+    for name in options.environment:
+        with locate_errors("--set"):
             check_variable(name)
-    axes = {"python": asked.python, **_pins(question.requirements)}
+    axes = {"python": options.python, **_pins(question.requirements)}
     cell = Cell(
         id=NAME,
         matrix=NAME,
         axes=axes,
-        python=asked.interpreter or asked.python,
+        python=options.interpreter or options.python,
         question=question,
-        environment=asked.environment,
-        cases=cases_for(asked),
-        files=asked.files,
-        subject=asked.subject,
-        asked=tuple(dict.fromkeys(required_name(text) for text in asked.requirements if text not in asked.listed)),
+        environment=options.environment,
+        cases=cases_for(options),
+        files=options.files,
+        subject=options.subject,
+        asked=tuple(dict.fromkeys(required_name(text) for text in options.requirements if text not in options.listed)),
     )
-    cell = replace(cell, id=cellid.built(NAME, [_label(cell, dated=asked.as_of is not None)]))
+    cell = replace(cell, id=cellid.build(NAME, [_label(cell, dated=options.as_of is not None)]))
     return Plan(matrix=NAME, cells=(cell,), axes=tuple(axes))
 
 
-def _question(asked: Asked) -> Question:
-    if not asked.requirements and asked.subject is None:
+def _question(options: TrialOptions) -> Question:
+    if not options.requirements and options.subject is None:
         message = "try: name at least one requirement, such as 'gymnasium[mujoco]==1.2.3'"
         raise BadInput(message)
     question = Question(
-        requirements=_words(Requirement, asked.requirements, "try"),
-        constraints=_words(Requirement, asked.constraints, "--constraint"),
-        overrides=_words(Requirement, asked.overrides, "--override"),
-        build_constraints=_words(Requirement, asked.build_constraints, "--build-constraint"),
-        only_binary=_words(PackageSelector, asked.only_binary, "--only-binary"),
-        torch_backend=asked.torch_backend,
-        index=asked.index,
-        snapshot=_words(Instant, [asked.as_of], "--as-of")[0] if asked.as_of else asked.instant,
+        requirements=_canonicalize(Requirement, options.requirements, "try"),
+        constraints=_canonicalize(Requirement, options.constraints, "--constraint"),
+        overrides=_canonicalize(Requirement, options.overrides, "--override"),
+        build_constraints=_canonicalize(Requirement, options.build_constraints, "--build-constraint"),
+        only_binary=_canonicalize(PackageSelector, options.only_binary, "--only-binary"),
+        torch_backend=options.torch_backend,
+        index=options.index,
+        snapshot=_canonicalize(Instant, [options.as_of], "--as-of")[0] if options.as_of else options.instant,
     )
-    if asked.prerelease:
-        question = replace(question, prerelease=asked.prerelease)
-    return replace(question, overlay=overlay_recipes.fitting(asked.overlay, question))
+    if options.prerelease:
+        question = replace(question, prerelease=options.prerelease)
+    return replace(question, overlay=overlay_recipes.fitting(options.overlay, question))
 
 
-def _words(kind: type[Word], texts: Iterable[str], option: str) -> tuple[str, ...]:
-    with located(option):
+def _canonicalize(kind: type[Word], texts: Iterable[str], option: str) -> tuple[str, ...]:
+    with locate_errors(option):
         return tuple(dict.fromkeys(kind.canonical(text) for text in texts))
 
 
 def _pins(requirements: Iterable[str]) -> dict[str, str]:
     """Return the exact version of each package that is required by `==`."""
-    found = {}
+    pins = {}
     for text in requirements:
         specifiers = list(parsed_requirement(text).specifier)
         if len(specifiers) == 1 and specifiers[0].operator == "==" and not specifiers[0].version.endswith(".*"):
-            found[required_name(text)] = str(Version(specifiers[0].version))
-    return found
+            pins[required_name(text)] = str(Version(specifiers[0].version))
+    return pins
 
 
 # --- the id ----------------------------------------------------------------------------------------------------
@@ -161,7 +161,7 @@ def _details(cell: Cell, *, dated: bool) -> Iterator[Detail]:
         yield from (Detail(word, f"{name}-{text}", f"{name}={text}") for name, text in variables.items())
     for word in ("torch_backend", "prerelease", "resolution"):
         if getattr(question, word) != getattr(usual, word):
-            yield Detail(cellid.spelled(word), getattr(question, word))
+            yield Detail(cellid.spell(word), getattr(question, word))
     if dated and question.snapshot:
         yield Detail("as-of", question.snapshot.lower().removesuffix("t23:59:59z").replace(":", "."))
     if question.index != usual.index:
@@ -181,7 +181,7 @@ def _environments(cell: Cell, *, dated: bool) -> Iterator[Detail]:
     """Yield the environments and modules that are tried, unless the requirements themselves suggest them."""
     question = cell.question
     suggested = cases_for(
-        Asked(
+        TrialOptions(
             requirements=tuple(sorted(question.requirements)),
             python=cell.axes["python"],
             constraints=question.constraints,
@@ -203,28 +203,28 @@ def _plain(case: Case) -> str:
 # --- cases -----------------------------------------------------------------------------------------------------
 
 
-def cases_for(asked: Asked) -> tuple[Case, ...]:
+def cases_for(options: TrialOptions) -> tuple[Case, ...]:
     """Return the cases of a trial: the environments asked for, else those that the requirements suggest.
 
     gym and gymnasium bring CartPole, and Ant if MuJoCo is asked for; other adapters bring a small environment each. If
     no package has a known API, the modules that the packages install are imported.
     """
-    imports = _words(ModuleName, asked.imports, "--import")
-    api = named_api(asked)
-    envs = dict.fromkeys(asked.envs, USUAL) or _suggested(asked, api)
+    imports = _canonicalize(ModuleName, options.imports, "--import")
+    api = named_api(options)
+    envs = dict.fromkeys(options.envs, USUAL) or _suggested(options, api)
     if not envs and imports:
         return (_import_case(imports=imports),)
-    asked_for = dict.fromkeys(map(required_name, asked.requirements))
+    asked_for = dict.fromkeys(map(required_name, options.requirements))
     if not envs:
-        return tuple(_import_case(packages=(name,)) for name in asked_for) + ((IMPORTED,) if asked.subject else ())
-    packages = tuple(name for name in asked_for if name not in FAMILY) + ((SELF,) if asked.subject else ())
+        return tuple(_import_case(packages=(name,)) for name in asked_for) + ((IMPORTED,) if options.subject else ())
+    packages = tuple(name for name in asked_for if name not in FAMILY) + ((SELF,) if options.subject else ())
     cases: dict[str, Case] = {}
     for env, checks in envs.items():
-        with located("--env"):
+        with locate_errors("--env"):
             name = _free(case_id(env, ()), cases)
-            found = api_of(env, asked.api) or api or spoken(env, asked.requirements)
-        found = found or asked.brought or GYMNASIUM
-        cases[name] = Case(id=name, env=env, api=found, imports=imports, packages=packages, checks=checks)
+            env_api = api_of(env, options.api) or api or find_api(env, options.requirements)
+        env_api = env_api or options.brought or GYMNASIUM
+        cases[name] = Case(id=name, env=env, api=env_api, imports=imports, packages=packages, checks=checks)
     return tuple(cases.values())
 
 
@@ -233,65 +233,67 @@ def _import_case(*, imports: tuple[str, ...] = (), packages: tuple[str, ...] = (
     return Case(id=name, env=None, api="", imports=imports, packages=packages, checks=(IMPORT_CHECK,))
 
 
-def named_api(asked: Asked) -> str | None:
+def named_api(options: TrialOptions) -> str | None:
     """Return the API asked for, else the first requirement that is itself an API (gym or gymnasium)."""
-    if asked.api is not None:
-        if asked.api not in APIS:
-            message = f'--api: unknown API "{asked.api}"{suggestion(asked.api, APIS)}'
+    if options.api is not None:
+        if options.api not in APIS:
+            message = f'--api: unknown API "{options.api}"{suggestion(options.api, APIS)}'
             raise BadInput(message)
-        return asked.api
-    return next((name for name in map(required_name, asked.requirements) if name in FAMILY), None)
+        return options.api
+    return next((name for name in map(required_name, options.requirements) if name in FAMILY), None)
 
 
-def unspoken(asked: Asked) -> str | None:
+def unspoken(options: TrialOptions) -> str | None:
     """Return the first environment asked for whose API nothing on the command line tells; None if there is none."""
-    if named_api(asked):
+    if named_api(options):
         return None
-    return next((env for env in asked.envs if not api_of(env, None) and not meant(env, asked.requirements)), None)
+    return next(
+        (env for env in options.envs if not api_of(env, None) and not guess_api(env, options.requirements)), None
+    )
 
 
-def _suggested(asked: Asked, api: str | None) -> dict[str, tuple[str, ...]]:
+def _suggested(options: TrialOptions, api: str | None) -> dict[str, tuple[str, ...]]:
     """Return environments with their checks for each required adapter; MuJoCo's only if it is the sole adapter."""
-    envs = _of_family(asked, api) if api in FAMILY else {}
-    names = {required_name(text) for text in asked.requirements}
-    found = () if asked.imports else speakers(asked.requirements)
-    for row in found:
-        alone = not envs and len(found) == 1
-        drawn = names & DRAWING_LIBRARIES or _extras(asked, row.package)
+    envs = _of_family(options, api) if api in FAMILY else {}
+    names = {required_name(text) for text in options.requirements}
+    rows = () if options.imports else speakers(options.requirements)
+    for row in rows:
+        alone = not envs and len(rows) == 1
+        drawn = names & DRAWING_LIBRARIES or _extras(options, row.package)
         fitting = {"mujoco": alone, "pettingzoo": drawn}.get(row.api, True)
-        if fitting and asked.api in {None, row.api}:
+        if fitting and options.api in {None, row.api}:
             envs[row.example] = USUAL
     return envs
 
 
-def _extras(asked: Asked, package: str) -> set[str]:
-    wanted = [parsed_requirement(text) for text in asked.requirements]
+def _extras(options: TrialOptions, package: str) -> set[str]:
+    wanted = [parsed_requirement(text) for text in options.requirements]
     return {required_name(extra) for each in wanted if required_name(each.name) == package for extra in each.extras}
 
 
-def _of_family(asked: Asked, api: str) -> dict[str, tuple[str, ...]]:
+def _of_family(options: TrialOptions, api: str) -> dict[str, tuple[str, ...]]:
     """Return the environments of gym or gymnasium; CartPole is drawn only if its drawing library is asked for."""
-    names = set(map(required_name, asked.requirements))
-    extras = _extras(asked, api)
+    names = set(map(required_name, options.requirements))
+    extras = _extras(options, api)
     drawn = extras & DRAWING_EXTRAS or names & DRAWING_LIBRARIES
     envs = {SIMPLE: USUAL if drawn else tuple(check for check in USUAL if not check.startswith(Phase.RENDER))}
-    if (extras & MUJOCO_EXTRAS or "mujoco" in names) and (api != GYM or _allows(asked, api, ">=0.26")):
-        envs["Ant-v5" if api == GYMNASIUM and _has_ant_v5(asked) else "Ant-v4"] = USUAL
+    if (extras & MUJOCO_EXTRAS or "mujoco" in names) and (api != GYM or _allows(options, api, ">=0.26")):
+        envs["Ant-v5" if api == GYMNASIUM and _has_ant_v5(options) else "Ant-v4"] = USUAL
     return envs
 
 
-def _has_ant_v5(asked: Asked) -> bool:
-    version = re.fullmatch(r"3\.(\d+)(\..*)?", asked.python)
+def _has_ant_v5(options: TrialOptions) -> bool:
+    version = re.fullmatch(r"3\.(\d+)(\..*)?", options.python)
     if version and int(version[1]) < 8:
         return False
-    if asked.as_of and _words(Instant, [asked.as_of], "--as-of")[0] < GYMNASIUM_1_UPLOADED:
+    if options.as_of and _canonicalize(Instant, [options.as_of], "--as-of")[0] < GYMNASIUM_1_UPLOADED:
         return False
-    return _allows(asked, GYMNASIUM, ">=1.0")
+    return _allows(options, GYMNASIUM, ">=1.0")
 
 
-def _allows(asked: Asked, package: str, versions: str) -> bool:
+def _allows(options: TrialOptions, package: str, versions: str) -> bool:
     """Return whether what is asked for leaves one of these versions of a package."""
-    texts = [text for text in (*asked.requirements, *asked.constraints) if required_name(text) == package]
+    texts = [text for text in (*options.requirements, *options.constraints) if required_name(text) == package]
     specifiers = SpecifierSet(versions)
     for text in texts:
         specifiers &= parsed_requirement(text).specifier
@@ -300,9 +302,9 @@ def _allows(asked: Asked, package: str, versions: str) -> bool:
 
 def _free(name: str, taken: Iterable[str]) -> str:
     """Return the name, or the first of name-2, name-3, ... that is not taken."""
-    known = {each.casefold() for each in taken}
+    taken_names = {each.casefold() for each in taken}
     number, free = 1, name
-    while free.casefold() in known:
+    while free.casefold() in taken_names:
         number += 1
         free = f"{name}-{number}"
     return free

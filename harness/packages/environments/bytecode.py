@@ -21,7 +21,7 @@ from pathlib import Path
 
 from harness.machine import process
 from harness.machine.files.guarded_files import read
-from harness.machine.files.scratch_folders import removed, scratch_folder
+from harness.machine.files.scratch_folders import remove_folder, scratch_folder
 from harness.machine.store import own_folders, write_atomic
 from harness.model.hostile_data import Absent, Unreadable, understanding
 
@@ -69,7 +69,7 @@ class Source:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Lent:
+class RunFolders:
     """The folders of one run: `prefix` is its own, `compiled` is shared by all runs that import the same."""
 
     prefix: Path
@@ -91,7 +91,7 @@ class Lent:
 
 
 @contextmanager
-def lent(source: Source, shown: Path, trust: str) -> Iterator[Lent]:
+def lend_folders(source: Source, shown: Path, trust: str) -> Iterator[RunFolders]:
     """Yield a run's folders, filled with the kept byte code of an environment that the run sees at `shown`.
 
     `trust` is equal for runs that import the same.
@@ -99,25 +99,25 @@ def lent(source: Source, shown: Path, trust: str) -> Iterator[Lent]:
     with ExitStack() as stack:
         _swept(source.kept)
         try:
-            run, kept = stack.enter_context(scratch_folder(source.kept)), source.kept
+            run, cache = stack.enter_context(scratch_folder(source.kept)), source.kept
         except OSError:  # a cache that nobody may write to: what this run compiles goes with it
-            run = kept = stack.enter_context(scratch_folder())
-        found = Lent(prefix=run / "pycache", compiled=kept / "compiled" / trust)
-        for folder in found.writable:
+            run = cache = stack.enter_context(scratch_folder())
+        folders = RunFolders(prefix=run / "pycache", compiled=cache / "compiled" / trust)
+        for folder in folders.writable:
             folder.mkdir(parents=True, exist_ok=True)
         code = _grown(source)
         with suppress(OSError):  # without it Python compiles anew
-            _unpacked(code, found.prefix, source, shown)
-        yield found
+            _unpacked(code, folders.prefix, source, shown)
+        yield folders
         with suppress(OSError):
-            _note(source.kept, set(_needed(found.prefix, source, shown)) - {*code})
+            _note(source.kept, set(_needed(folders.prefix, source, shown)) - {*code})
 
 
-def forget(kept: Path) -> None:
+def forget(cache: Path) -> None:
     """Delete all kept byte code of an environment, so that it is compiled anew."""
     with suppress(OSError):
-        (kept / CODE).unlink(missing_ok=True)
-    removed(kept / "compiled")
+        (cache / CODE).unlink(missing_ok=True)
+    remove_folder(cache / "compiled")
 
 
 # --- what is kept ----------------------------------------------------------------------------------------------
@@ -146,7 +146,7 @@ def _read(path: Path) -> Code:
     except Absent:
         return {}
     except Unreadable:
-        removed(path)  # a folder, in the place of which no file can be put
+        remove_folder(path)  # a folder, in the place of which no file can be put
         return {}
 
 
@@ -167,13 +167,13 @@ def _decoded(content: bytes) -> Code:
 
 def _compiled(source: Source, names: list[str]) -> Code:
     with scratch_folder(source.kept) as work:
-        home, listed, made = work / "home", work / "names", work / "made"
+        home, listed, output = work / "home", work / "names", work / "made"
         home.mkdir()
         listed.write_text(json.dumps(names), encoding="utf-8")
         python = (str(source.python), "-I", "-S", "-c", COMPILE)
         process.run(
             process.Command(
-                argv=(*python, str(listed), str(made), *map(str, source.folders)),
+                argv=(*python, str(listed), str(output), *map(str, source.folders)),
                 cwd=home,
                 env={"PATH": os.defpath},
                 limits=LIMITS,
@@ -185,22 +185,22 @@ def _compiled(source: Source, names: list[str]) -> Code:
                 writable=(work,),
             )
         )
-        found = _decoded(read(made, MOST_CODE))
-    return {name: found.get(name, ("", b"")) for name in names}
+        code = _decoded(read(output, MOST_CODE))
+    return {name: code.get(name, ("", b"")) for name in names}
 
 
 # --- what a run has --------------------------------------------------------------------------------------------
 
 
 def _unpacked(code: Code, prefix: Path, source: Source, shown: Path) -> None:
-    made: set[str] = set()
+    parents: set[str] = set()
     for name, (file, content) in code.items():
         if not content:
             continue
         parent = f"{prefix}{_place(name, source, shown).rpartition('/')[0]}"
-        if parent not in made:
+        if parent not in parents:
             Path(parent).mkdir(parents=True, exist_ok=True)
-            made.add(parent)
+            parents.add(parent)
         with open(f"{parent}/{file}", "wb", buffering=0) as target:  # noqa: PTH123 - thousands of files
             target.write(content)
 
@@ -239,28 +239,28 @@ def _pyc_files(folder: str) -> Iterator[str]:
                     yield entry.path
 
 
-def _note(kept: Path, names: Iterable[str]) -> None:
+def _note(cache: Path, names: Iterable[str]) -> None:
     """Write down what is to be compiled before the next run."""
-    new = sorted({*names} - {*_names(kept)})
+    new = sorted({*names} - {*_names(cache)})
     if new:
-        every = [*_names(kept), *new][:MOST_NAMES]
-        write_atomic(kept / NAMES, json.dumps(every).encode())
+        every = [*_names(cache), *new][:MOST_NAMES]
+        write_atomic(cache / NAMES, json.dumps(every).encode())
 
 
-def _names(kept: Path) -> list[str]:
+def _names(cache: Path) -> list[str]:
     try:
         with understanding():
-            found = json.loads(read(kept / NAMES, MOST_NAMES * LONGEST_NAME))
+            content = json.loads(read(cache / NAMES, MOST_NAMES * LONGEST_NAME))
     except Unreadable:
         return []
-    names = found if isinstance(found, list) else []
+    names = content if isinstance(content, list) else []
     return [name for name in names if isinstance(name, str) and os.path.normpath(name) == name and name[:2] != ".."]
 
 
-def _swept(kept: Path) -> None:
+def _swept(cache: Path) -> None:
     """Remove the folders that killed runs left behind, once these are a day old."""
-    kept.mkdir(parents=True, exist_ok=True)
-    for folder in kept.glob("simmatrix-*"):
+    cache.mkdir(parents=True, exist_ok=True)
+    for folder in cache.glob("simmatrix-*"):
         with suppress(OSError):
             if time.time() - folder.stat().st_mtime > DAY:
-                removed(folder)
+                remove_folder(folder)

@@ -25,23 +25,23 @@ MOST_RECORD, MOST_CONFIG = 64 << 20, 1 << 16
 PIECE = 1 << 20
 
 
-def damaged(environment: Path, *, thorough: bool) -> Mapping[str, str]:
+def find_damage(environment: Path, *, thorough: bool) -> Mapping[str, str]:
     """Return the files that are not as RECORD has them, relative to the environment, each with its package's name.
 
     A RECORD that lists nothing, or cannot be read, is one of them.
     """
-    found = {}
+    damage = {}
     for site in environment.glob("lib/python*/site-packages"):
         for about in site.glob("*.dist-info"):
             record, package = about / "RECORD", str(canonicalize_name(about.name.partition("-")[0]))
             rows = [*_rows(record)]
             if not rows:
-                found[record.relative_to(environment).as_posix()] = package
+                damage[record.relative_to(environment).as_posix()] = package
             for name, mark, size in rows:
                 path = Path(os.path.normpath(site / name))
-                if path.is_relative_to(environment) and not _as_told(path, mark, size, thorough=thorough):
-                    found[path.relative_to(environment).as_posix()] = package
-    return dict(sorted(found.items()))
+                if path.is_relative_to(environment) and not _matches_record(path, mark, size, thorough=thorough):
+                    damage[path.relative_to(environment).as_posix()] = package
+    return dict(sorted(damage.items()))
 
 
 def foundation(environment: Path) -> str | None:
@@ -71,7 +71,7 @@ def _rows(record: Path) -> Iterator[tuple[str, str, str]]:
         yield from ((name, mark, size) for name, mark, size in rows if "=" in mark)
 
 
-def _as_told(path: Path, mark: str, size: str, *, thorough: bool) -> bool:
+def _matches_record(path: Path, mark: str, size: str, *, thorough: bool) -> bool:
     try:
         about = path.lstat()
     except (OSError, ValueError):  # no name that a file could have

@@ -19,13 +19,13 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from harness.machine import process
 from harness.machine.files import guarded_files
 from harness.machine.files.file_locks import alone, exclusive, use
-from harness.machine.files.scratch_folders import removed
+from harness.machine.files.scratch_folders import remove_folder
 from harness.machine.store import cache_folder, digest, open_store, write_atomic
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
 from harness.model.hostile_data import Unreadable
 from harness.packages import download_notice, locks, uv_command, uv_failures
 from harness.packages.environments import first_import, site_packages
-from harness.packages.environments.environment_damage import CONFIG, PYTHON, damaged, foundation, replacing
+from harness.packages.environments.environment_damage import CONFIG, PYTHON, find_damage, foundation, replacing
 from harness.packages.sources import builds, sdists
 
 STAMP = "stamp.json"
@@ -111,14 +111,14 @@ def ensure(
         return replace(wheels, seconds=monotonic() - started)
     compiled = first_import.marks({one.name for one in wheels}, question)
     key = environment_key(interpreter, wheels, compiled)
-    how = _How(offline=offline, thorough=thorough)
-    made = _provided(key, lambda path: _make(path, wheels, interpreter, question, how))
-    if isinstance(made, Step):
-        return replace(made, seconds=monotonic() - started)
-    return replace(made, seconds=monotonic() - started, findings=(*_built_here(lock), *made.findings))
+    how = _InstallOptions(offline=offline, thorough=thorough)
+    result = _ensure_environment(key, lambda path: _make(path, wheels, interpreter, question, how))
+    if isinstance(result, Step):
+        return replace(result, seconds=monotonic() - started)
+    return replace(result, seconds=monotonic() - started, findings=(*_built_here(lock), *result.findings))
 
 
-def on_top(base: Environment, wheel: Wheel, interpreter: Interpreter) -> Environment | Step:
+def ensure_layer(base: Environment, wheel: Wheel, interpreter: Interpreter) -> Environment | Step:
     """Return a thin environment that holds one wheel and leads on to the environment below it, which is not touched.
 
     It is found before what lies below, its data and its scripts lie where an install puts them, and children that are
@@ -126,18 +126,18 @@ def on_top(base: Environment, wheel: Wheel, interpreter: Interpreter) -> Environ
     """
     started = monotonic()
     key = digest("on top", base.path.name, wheel.mark)
-    nothing, how = Question(requirements=()), _How(offline=True, below=base.path)
-    made = _provided(key, lambda path: _make(path, (wheel,), interpreter, nothing, how))
-    return made if isinstance(made, Step) else replace(made, seconds=monotonic() - started)
+    nothing, how = Question(requirements=()), _InstallOptions(offline=True, below=base.path)
+    result = _ensure_environment(key, lambda path: _make(path, (wheel,), interpreter, nothing, how))
+    return result if isinstance(result, Step) else replace(result, seconds=monotonic() - started)
 
 
-def _provided(key: str, make: Callable[[Path], _Stamp | Step]) -> Environment | Step:
+def _ensure_environment(key: str, make: Callable[[Path], _Stamp | Step]) -> Environment | Step:
     """Return the environment of a key, made now if there is no usable one; it stays as long as this process.
 
     An unusable one is replaced, unless another process uses it (whose files may be links where ours must be copies):
     then it stays, and ours lies beside it.
     """
-    return next(found for path in _places(key) if (found := _provided_at(path, make)))
+    return next(environment for path in _places(key) if (environment := _provided_at(path, make)))
 
 
 def _provided_at(path: Path, make: Callable[[Path], _Stamp | Step]) -> Environment | Step | None:
@@ -149,10 +149,10 @@ def _provided_at(path: Path, make: Callable[[Path], _Stamp | Step]) -> Environme
             if stamp is None:
                 if not _cleared(path):
                     return None
-                made, reused = make(path), False
-                if isinstance(made, Step):
-                    return made
-                stamp = made
+                result, reused = make(path), False
+                if isinstance(result, Step):
+                    return result
+                stamp = result
     return Environment(
         path=path,
         python=path / "bin" / "python",
@@ -184,10 +184,10 @@ def _cleared(path: Path) -> bool:
     return not path.exists()
 
 
-def stands(environment: Environment, *, thorough: bool = False) -> bool:
+def is_intact(environment: Environment, *, thorough: bool = False) -> bool:
     """Tell whether an environment is still there, with its files as they were installed."""
     stamp = _usable(environment.path)
-    return stamp is not None and not {*damaged(environment.path, thorough=thorough)} - {*stamp.odd}
+    return stamp is not None and not {*find_damage(environment.path, thorough=thorough)} - {*stamp.odd}
 
 
 def discard(environment: Environment, *, used: bool = False) -> None:
@@ -242,12 +242,14 @@ def _built_here(lock: Lock) -> Iterator[Finding]:
 
 def _beyond_python(path: Path, interpreter: Interpreter) -> Iterator[Finding]:
     """Yield a warning for each package that does not support this Python: pip refuses it, uv ignores an upper bound."""
-    for one in site_packages.packages(path):
-        asked = str(one.metadata["Requires-Python"]) if "Requires-Python" in one.metadata else ""
+    for package in site_packages.packages(path):
+        requires_python = str(package.metadata["Requires-Python"]) if "Requires-Python" in package.metadata else ""
         with suppress(InvalidSpecifier):
-            if not SpecifierSet(asked).contains(interpreter.version, prereleases=True):
-                named = f"{one.name} {one.version}"
-                text = f"{named} requires Python {asked}: uv installs it on {interpreter.version}, pip refuses"
+            if not SpecifierSet(requires_python).contains(interpreter.version, prereleases=True):
+                named = f"{package.name} {package.version}"
+                text = (
+                    f"{named} requires Python {requires_python}: uv installs it on {interpreter.version}, pip refuses"
+                )
                 yield Finding(check="install.requires_python", level=Level.WARNING, text=text)
 
 
@@ -256,7 +258,7 @@ def _beyond_python(path: Path, interpreter: Interpreter) -> Iterator[Finding]:
 
 def _stamp(path: Path) -> _Stamp | None:
     try:
-        return guarded_files.decoded(path / STAMP, MOST_STAMP, guarded_files.decoder(_Stamp).decode)
+        return guarded_files.read_decoded(path / STAMP, MOST_STAMP, guarded_files.decoder(_Stamp).decode)
     except Unreadable:
         return None
 
@@ -274,7 +276,7 @@ def _usable(path: Path) -> _Stamp | None:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class _How:
+class _InstallOptions:
     """The way to make an environment; `below` is another one that it leads on to."""
 
     offline: bool
@@ -283,7 +285,7 @@ class _How:
 
 
 def _make(
-    path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, question: Question, how: _How
+    path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, question: Question, how: _InstallOptions
 ) -> _Stamp | Step:
     """Make an environment in its final folder, since scripts name their interpreter by path; return its stamp."""
     names = {one.name for one in wheels}
@@ -306,21 +308,21 @@ def _make(
 
         failed = fill()
         if failed and failed.outcome is Outcome.FAILED and (named := _named(failed, wheels)) and not how.offline:
-            removed(path)  # uv may have kept a wheel that a disk has spoiled since
+            remove_folder(path)  # uv may have kept a wheel that a disk has spoiled since
             failed = fill() if uv_command.forget(named) else failed
-        if not failed and (odd := damaged(path, thorough=how.thorough)) and uv_command.forget({*odd.values()}):
-            removed(path)
+        if not failed and (odd := find_damage(path, thorough=how.thorough)) and uv_command.forget({*odd.values()}):
+            remove_folder(path)
             failed = fill()  # from fresh downloads: what is odd in them is so in the wheels
-            odd = damaged(path, thorough=True)
+            odd = find_damage(path, thorough=True)
     try:
-        found = site_packages.versions(path)
+        versions = site_packages.versions(path)
     except Unreadable as error:
         decisive = f"after the install the metadata of a package cannot be read: {error}"
         return failed or Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive)
-    failed = failed or _difference(found, {one.name: site_packages.plain(one.version) for one in wheels})
+    failed = failed or _difference(versions, {one.name: site_packages.plain(one.version) for one in wheels})
     warmed = failed or first_import.warm(path, names, question)
     if isinstance(warmed, Step):
-        removed(path)
+        remove_folder(path)
         return warmed
     if how.below:
         (site,), (more,) = (list(site_packages.folders(one)) for one in (path, how.below))
@@ -328,7 +330,7 @@ def _make(
     stamp = _Stamp(
         key=_key(path),
         link_mode=link_mode,
-        installed=found,
+        installed=versions,
         hashes=tuple(sorted(one.artifact.sha256 for one in wheels)),
         findings=(*_beyond_python(path, interpreter), *_odd(odd), *warmed),
         foundation=foundation(path) or "",
@@ -346,26 +348,26 @@ def _named(failed: Step, wheels: Iterable[Wheel]) -> set[str]:
 def _fill(
     call: uv_command.Call, path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, log: Path, how: str
 ) -> Step | None:
-    said = uv_command.create(call, path, interpreter)
-    if not said.ok:
-        line = said.trouble or uv_failures.failure(said.text, Phase.INSTALL).decisive
-        kept = uv_command.keep_log(said, log)
+    result = uv_command.create(call, path, interpreter)
+    if not result.ok:
+        line = result.trouble or uv_failures.failure(result.text, Phase.INSTALL).decisive
+        log_path = uv_command.keep_log(result, log)
         decisive = f"no environment could be made for Python {interpreter.version}: {line}"
-        return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive, log=kept)
+        return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive, log=log_path)
     if not wheels:
         return None
     before = foundation(path)
     pylock = call.folder / "pylock.toml"
-    pylock.write_text(locks.to_install((one.name, one.version, one.artifact) for one in wheels), encoding="utf-8")
+    pylock.write_text(locks.format_pylock((one.name, one.version, one.artifact) for one in wheels), encoding="utf-8")
     settings = call.folder / "uv.toml"
-    settings.write_text(locks.to_keep(one.artifact for one in wheels), encoding="utf-8")
-    said = uv_command.install(call, path / "bin" / "python", pylock, settings, how)
-    if said.ok:
+    settings.write_text(locks.format_uv_settings(one.artifact for one in wheels), encoding="utf-8")
+    result = uv_command.install(call, path / "bin" / "python", pylock, settings, how)
+    if result.ok:
         return None if before == foundation(path) else _replaced(path)
-    kept = uv_command.keep_log(said, log)
-    if said.trouble:
-        return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=said.trouble, log=kept)
-    return replace(uv_failures.failure(said.text, Phase.INSTALL), log=kept)
+    log_path = uv_command.keep_log(result, log)
+    if result.trouble:
+        return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=result.trouble, log=log_path)
+    return replace(uv_failures.failure(result.text, Phase.INSTALL), log=log_path)
 
 
 def _replaced(path: Path) -> Step:
@@ -382,10 +384,10 @@ def _odd(files: Mapping[str, str]) -> Iterator[Finding]:
         yield Finding(check="install.record", level=Level.NOTE, text=text)
 
 
-def _difference(found: Mapping[str, str], wanted: Mapping[str, str]) -> Step | None:
+def _difference(versions: Mapping[str, str], wanted: Mapping[str, str]) -> Step | None:
     """Say how an environment differs from its lock: what is missing is ours or uv's fault, the rest a wheel's."""
-    missing = [f"{name} {version}" for name, version in wanted.items() if name not in found]
-    other = [f"{name} {found[name]}" for name in found if found[name] != wanted.get(name)]
+    missing = [f"{name} {version}" for name, version in wanted.items() if name not in versions]
+    other = [f"{name} {versions[name]}" for name in versions if versions[name] != wanted.get(name)]
     if missing:
         decisive = f"after the install these packages of the lock are not there: {', '.join(missing)}"
         return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive)

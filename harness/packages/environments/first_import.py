@@ -20,7 +20,7 @@ from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.model.schema import load_toml
 from harness.model.vocabulary import ModuleName, PackageName, SystemPackage
 from harness.packages import uv_command
-from harness.standalone.lines import bounded, death, decisive_line, normalise
+from harness.standalone.lines import decisive_line, describe_death, normalise, shorten_line
 
 FILE = Path(__file__).with_suffix(".toml")
 LIMITS = process.Limits(seconds=1800.0)
@@ -51,21 +51,21 @@ def recipes(names: Collection[str]) -> tuple[Recipe, ...]:
 
 def marks(names: Collection[str], question: Question) -> tuple[str, ...]:
     """Return a digest of what compiles at import and its build variables, for the environment's key; else nothing."""
-    found = recipes(names)
-    made = [(str(one.name), [str(name) for name in one.modules]) for one in found]
-    return (digest("warmed", made, question.build_variables),) if found else ()
+    matches = recipes(names)
+    modules = [(str(one.name), [str(name) for name in one.modules]) for one in matches]
+    return (digest("warmed", modules, question.build_variables),) if matches else ()
 
 
 def warm(path: Path, names: Collection[str], question: Question) -> Step | tuple[Finding, ...]:
     """Import what compiles, in an environment whose files are its own; a compiler that fails is a failed install."""
-    told = []
+    findings = []
     for recipe in recipes(names):
         failed = _imported(path, recipe, question)
         if failed:
             return failed
         text = f"{recipe.name} was compiled by its first import: {recipe.reason}"
-        told.append(Finding(check="install.compiled", level=Level.NOTE, text=text))
-    return tuple(told)
+        findings.append(Finding(check="install.compiled", level=Level.NOTE, text=text))
+    return tuple(findings)
 
 
 def _imported(path: Path, recipe: Recipe, question: Question) -> Step | None:
@@ -104,30 +104,30 @@ def _imported(path: Path, recipe: Recipe, question: Question) -> Step | None:
         return None
     log = open_store().evidence(f"install-{path.name}") / f"{recipe.name}.log"
     write_atomic(log, text.encode())
-    outcome, decisive = _said(completed, text)
+    outcome, decisive = _judge_failure(completed, text)
     return Step(
         phase=Phase.INSTALL,
         outcome=outcome,
-        decisive=bounded(f"{recipe.name}, compiled by its first import: {decisive}"),
+        decisive=shorten_line(f"{recipe.name}, compiled by its first import: {decisive}"),
         log=open_store().relative(log),
         findings=tuple(_missing(recipe.system)),
     )
 
 
-def _said(completed: process.Completed, text: str) -> tuple[Outcome, str]:
+def _judge_failure(completed: process.Completed, text: str) -> tuple[Outcome, str]:
     if completed.timed_out:
         return Outcome.TIMED_OUT, f"no end within {LIMITS.seconds:g} s"
     if completed.killed or completed.out_of_memory:
         return Outcome.INFRA, f"it was ended: {completed.killed or f'more than {LIMITS.memory_mb} MB of memory'}"
     if completed.shot:
         return Outcome.INFRA, f"it was {SHOT}"
-    told = decisive_line(text) or death(completed.exit_code, completed.signal, text)
-    trouble = machine_trouble(text, told, completed.least_room_mb)
-    return (Outcome.INFRA if trouble else Outcome.FAILED), told
+    decisive = decisive_line(text) or describe_death(completed.exit_code, completed.signal, text)
+    trouble = machine_trouble(text, decisive, completed.least_room_mb)
+    return (Outcome.INFRA if trouble else Outcome.FAILED), decisive
 
 
 def _missing(names: Iterable[str]) -> Iterable[Finding]:
     """Yield a note on missing Debian packages, for lack of which the compiler may have failed."""
-    missing = debian_packages.missing(tuple(names))
+    missing = debian_packages.describe_missing(tuple(names))
     if missing:
         yield Finding(check="install.system", level=Level.NOTE, text=missing)

@@ -47,7 +47,7 @@ def bounds(path: Path, name: str) -> tuple[SpecifierSet, ...]:
         return tuple(dict.fromkeys(need.specifier for need in needs if need.specifier))
 
 
-def unheld(path: Path) -> tuple[tuple[str, str], ...]:
+def find_unmet(path: Path) -> tuple[tuple[str, str], ...]:
     """Return (package, requirement) pairs whose required package is missing, extras apart. Raises Unreadable."""
     here = versions(path)
     with understanding():
@@ -114,9 +114,9 @@ def plain(version: str) -> str:
 
 def _needs(path: Path) -> Iterator[tuple[str, Requirement]]:
     """Yield (package, requirement) pairs. Invalid lines are skipped: uv reads them as something else than they say."""
-    for one in packages(path):
-        asker = canonicalize_name(one.name)  # which is read from a file each time
-        for line in one.requires or ():
+    for package in packages(path):
+        asker = canonicalize_name(package.name)  # which is read from a file each time
+        for line in package.requires or ():
             if need := _requirement(line):
                 yield asker, need
 
@@ -129,6 +129,6 @@ def _requirement(line: str) -> Requirement | None:
         return None
 
 
-def _top_level(one: Distribution) -> tuple[str, ...]:
-    tops = {file.parts[0].partition(".")[0] for file in one.files or () if file.suffix in {".py", ".so"}}
+def _top_level(package: Distribution) -> tuple[str, ...]:
+    tops = {file.parts[0].partition(".")[0] for file in package.files or () if file.suffix in {".py", ".so"}}
     return tuple(sorted(name for name in tops if name.isidentifier() and not name.startswith("_")))

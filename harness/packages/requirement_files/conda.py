@@ -26,19 +26,19 @@ def environment_yml(text: str, source: Source) -> Parsed:
         message = f"{source.name}: there is no list of dependencies; is it a conda environment file?"
         raise BadInput(message)
     check_number(len(dependencies.value), source)
-    found, pip = Inputs(), []
+    inputs, pip = Inputs(), []
     if "variables" in tables:
         line = tables["variables"].start_mark.line + 1
-        found += Inputs(not_modelled=(f"{source.name}:{line}: variables are not modelled; give them with --set",))
+        inputs += Inputs(not_modelled=(f"{source.name}:{line}: variables are not modelled; give them with --set",))
     for entry in dependencies.value:
         where = f"{source.name}:{entry.start_mark.line + 1}"
         if isinstance(entry, yaml.MappingNode):
             for items in _entries(entry).values():
                 pip += [(item.start_mark.line + 1, _text(item, source)) for item in _items(items, source)]
         else:
-            found += _conda(_text(entry, source), where)
+            inputs += _conda(_text(entry, source), where)
     parsed = read_lines(pip, source)
-    return replace(parsed, inputs=found + parsed.inputs)
+    return replace(parsed, inputs=inputs + parsed.inputs)
 
 
 def _entries(node: yaml.Node | None) -> dict[str, yaml.Node]:

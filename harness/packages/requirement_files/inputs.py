@@ -32,15 +32,15 @@ def read(paths: Sequence[Path], extras: Sequence[str] = (), groups: Sequence[str
 
     Raises BadInput for a file that is missing or wrong (file and line), and for an extra or a group of no file.
     """
-    found, known_extras, known_groups = Inputs(), set[str](), set[str]()
+    inputs, known_extras, known_groups = Inputs(), set[str](), set[str]()
     for path in paths:
         parsed = _parse(path, extras, groups)
         known_extras |= set(parsed.extras)
         known_groups |= set(parsed.groups)
-        found += parsed.inputs + _included(parsed.includes, path, seen={path.resolve()})
+        inputs += parsed.inputs + _included(parsed.includes, path, seen={path.resolve()})
     _check("extra", extras, known_extras)
     _check("group", groups, known_groups)
-    return found
+    return inputs
 
 
 def newest_python(requires: SpecifierSet | None, candidates: Iterable[str]) -> str | None:
@@ -80,10 +80,10 @@ def _text(path: Path) -> str:
 
 def _included(includes: Iterable[Include], path: Path, seen: set[Path]) -> Inputs:
     """Read the files that a file names with -r and -c, each once; requirements of a -c file become constraints."""
-    found = Inputs()
+    inputs = Inputs()
     for include in includes:
         if "://" in include.path:
-            found += Inputs(not_modelled=(f"{include.where}: {include.path}: a file on the network is not modelled",))
+            inputs += Inputs(not_modelled=(f"{include.where}: {include.path}: a file on the network is not modelled",))
             continue
         target = path.parent / include.path
         if not os.path.isfile(target):  # noqa: PTH113 - a name may be too long for `Path.is_file`
@@ -93,16 +93,16 @@ def _included(includes: Iterable[Include], path: Path, seen: set[Path]) -> Input
             seen.add(target.resolve())
             parsed = _parse(target)
             inner = parsed.inputs + _included(parsed.includes, target, seen)
-            found += _as_constraints(inner) if include.constraint else inner
-    return found
+            inputs += _as_constraints(inner) if include.constraint else inner
+    return inputs
 
 
 def _as_constraints(inputs: Inputs) -> Inputs:
     return replace(inputs, requirements=(), constraints=inputs.requirements + inputs.constraints)
 
 
-def _check(kind: str, asked: Iterable[str], known: set[str]) -> None:
-    for name in asked:
-        if canonicalize_name(name) not in {canonicalize_name(one) for one in known}:
-            message = f"--{kind} {name}: no file that was given has this {kind}{schema.suggestion(name, known)}"
+def _check(kind: str, names: Iterable[str], choices: set[str]) -> None:
+    for name in names:
+        if canonicalize_name(name) not in {canonicalize_name(one) for one in choices}:
+            message = f"--{kind} {name}: no file that was given has this {kind}{schema.suggestion(name, choices)}"
             raise BadInput(message)

@@ -30,7 +30,7 @@ def requirements_txt(text: str, source: Source) -> Parsed:
 
 def read_lines(lines: Iterable[tuple[int, str]], source: Source) -> Parsed:
     """Read numbered lines in pip's format."""
-    found, includes, hashed = Inputs(), [], 0
+    inputs, includes, hashed = Inputs(), [], 0
     listed = list(lines)
     check_number(len(listed), source)
     for number, raw in listed:
@@ -41,16 +41,16 @@ def read_lines(lines: Iterable[tuple[int, str]], source: Source) -> Parsed:
                 if option in {"--requirement", "--constraint"} and value:
                     includes.append(Include(path=value, constraint=option == "--constraint", where=where))
                 else:
-                    found += _option(option, value, source, where)
+                    inputs += _option(option, value, source, where)
             continue
         wanted, _, options = line.partition(" --")
         hashed += "hash" in options
-        found += requirement(wanted.strip(), source, where)
-        found += _more(options, where)
+        inputs += requirement(wanted.strip(), source, where)
+        inputs += _more(options, where)
     if hashed:
         note = f"{source.name}: the hashes of {hashed} requirements are not asked for; a lock records its own"
-        found += Inputs(notes=(note,))
-    return Parsed(inputs=found, includes=tuple(includes))
+        inputs += Inputs(notes=(note,))
+    return Parsed(inputs=inputs, includes=tuple(includes))
 
 
 def _logical(text: str) -> Iterator[tuple[int, str]]:
@@ -88,11 +88,11 @@ def _options(line: str, where: str) -> Iterator[tuple[str, str]]:
         yield option, value
 
 
-def _bare(found: re.Match[str]) -> str:
+def _bare(match: re.Match[str]) -> str:
     """Return the text between quotes, or after a backslash."""
-    if found[1] is not None:
-        return found[1]
-    return found[3] if found[2] is None else re.sub(r'\\(["\\])', r"\1", found[2])
+    if match[1] is not None:
+        return match[1]
+    return match[3] if match[2] is None else re.sub(r'\\(["\\])', r"\1", match[2])
 
 
 def _option(option: str, value: str, source: Source, where: str) -> Inputs:
@@ -108,8 +108,8 @@ def _option(option: str, value: str, source: Source, where: str) -> Inputs:
         "--require-hashes": Inputs(),
         "--editable": Inputs(not_modelled=(f"{where}: -e {value}: editable installs are not modelled",)),
     }
-    said = f"{option} {value}".strip()
-    return modelled.get(option, Inputs(not_modelled=(f"{where}: {said}: this option is not modelled",)))
+    text = f"{option} {value}".strip()
+    return modelled.get(option, Inputs(not_modelled=(f"{where}: {text}: this option is not modelled",)))
 
 
 def _more(options: str, where: str) -> Inputs:

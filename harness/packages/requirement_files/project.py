@@ -78,11 +78,11 @@ def about(text: str, name: str = "pyproject.toml") -> About:
     """Read the metadata of a project from its pyproject.toml; `name` is the file's in messages."""
     document = schema.load_toml(text, _Document, name)
     project = document.project
-    told = bool(project.name) and "optional-dependencies" not in project.dynamic
+    is_static = bool(project.name) and "optional-dependencies" not in project.dynamic
     return About(
         name=canonicalize_name(project.name),
         python=project.requires_python,
-        extras=tuple(map(canonicalize_name, project.optional_dependencies)) if told else None,
+        extras=tuple(map(canonicalize_name, project.optional_dependencies)) if is_static else None,
         groups={canonicalize_name(group): lines for group, lines in document.dependency_groups.items()},
     )
 
@@ -92,22 +92,22 @@ def pyproject(text: str, source: Source, extras: Iterable[str], groups: Iterable
     document = schema.load_toml(text, _Document, source.name)
     project = document.project
     optional = {canonicalize_name(name): lines for name, lines in project.optional_dependencies.items()}
-    with schema.located(source.name, "project", "requires-python"):
-        found = Inputs(python=str(requirement_texts.specifiers(project.requires_python)) or None)
-    found += Inputs(not_modelled=tuple(_unread(text, source, document)))
+    with schema.locate_errors(source.name, "project", "requires-python"):
+        inputs = Inputs(python=str(requirement_texts.specifiers(project.requires_python)) or None)
+    inputs += Inputs(not_modelled=tuple(_unread(text, source, document)))
     wanted = [*project.dependencies, *_with_extras(canonicalize_name(project.name), optional, extras)]
     wanted += _grouped(document.dependency_groups, groups, source)
     check_number(len(wanted), source)
     for line in dict.fromkeys(wanted):
-        found += requirement(line, source, where_in(text, quoted(line), source))
-    found += _resolution(document.tool.uv)
-    known = tuple(canonicalize_name(name) for name in document.dependency_groups)
-    return Parsed(inputs=found, extras=tuple(optional), groups=known)
+        inputs += requirement(line, source, where_in(text, quoted(line), source))
+    inputs += _resolution(document.tool.uv)
+    group_names = tuple(canonicalize_name(name) for name in document.dependency_groups)
+    return Parsed(inputs=inputs, extras=tuple(optional), groups=group_names)
 
 
 def _grouped(table: Mapping[str, Any], groups: Iterable[str], source: Source) -> tuple[str, ...]:
-    known = {canonicalize_name(name) for name in table}
-    chosen = [group for group in groups if canonicalize_name(group) in known]
+    group_names = {canonicalize_name(name) for name in table}
+    chosen = [group for group in groups if canonicalize_name(group) in group_names]
     try:
         return resolve_dependency_groups(table, *chosen)
     except ExceptionGroup as error:

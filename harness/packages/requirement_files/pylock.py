@@ -22,15 +22,15 @@ def pylock(text: str, source: Source, extras: Iterable[str], groups: Iterable[st
         message = f"{source.name}: {error}"
         raise BadInput(message) from None
     chosen = {"extras": frozenset(extras), "dependency_groups": frozenset((*(lock.default_groups or ()), *groups))}
-    found = Inputs(
+    inputs = Inputs(
         python=str(lock.requires_python) if lock.requires_python else None,
         notes=(f"{source.name}: packages are pinned to its versions, its files and hashes are not asked for",),
     )
     check_number(len(lock.packages), source)
     for package in lock.packages:
         where = where_in(text, rf"name\s*=\s*{quoted(package.name)}", source)
-        found += _locked(package, chosen, source, where)
-    return Parsed(inputs=found, extras=tuple(lock.extras or ()), groups=tuple(lock.dependency_groups or ()))
+        inputs += _locked(package, chosen, source, where)
+    return Parsed(inputs=inputs, extras=tuple(lock.extras or ()), groups=tuple(lock.dependency_groups or ()))
 
 
 def _locked(package: Package, chosen: Mapping[str, frozenset[str]], source: Source, where: str) -> Inputs:

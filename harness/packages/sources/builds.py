@@ -23,7 +23,7 @@ from packaging.version import Version
 from harness.machine import process, this_machine
 from harness.machine.files import guarded_files
 from harness.machine.files.file_locks import exclusive, use
-from harness.machine.files.scratch_folders import removed
+from harness.machine.files.scratch_folders import remove_folder
 from harness.machine.store import cache_folder, digest, open_store, own_folders, write_atomic
 from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Pin, Question, Step
 from harness.model.errors import BadInput, CouldNotTell
@@ -31,7 +31,7 @@ from harness.model.hostile_data import Unreadable, understanding
 from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.packages import index, locks, resolver, uv_command
 from harness.packages.sources import sdists
-from harness.standalone.lines import bounded, death, decisive_line, normalise
+from harness.standalone.lines import decisive_line, describe_death, normalise, shorten_line
 
 LIMITS = process.Limits(seconds=1800.0)
 COMPILER_KILLED = "Killed signal terminated program"
@@ -105,7 +105,7 @@ class _Job:
 
     def stopped(self, outcome: Outcome, decisive: str, log: str | None = None) -> _Stopped:
         """Return an exception that ends the job with this outcome, past all the functions between."""
-        return _Stopped(Step(phase=Phase.INSTALL, outcome=outcome, decisive=bounded(decisive), log=log))
+        return _Stopped(Step(phase=Phase.INSTALL, outcome=outcome, decisive=shorten_line(decisive), log=log))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -149,7 +149,7 @@ def build(
     if pin.name in chain:
         circle = " -> ".join(job.chain)
         return job.stopped(Outcome.FAILED, f"build requirements go in a circle: {circle}").step
-    return _done(job)
+    return _build_once(job)
 
 
 def build_tree(
@@ -166,16 +166,16 @@ def build_tree(
         chain=(tree.name,),
         unpack=tree.unpack,
     )
-    return _done(job)
+    return _build_once(job)
 
 
-def _done(job: _Job) -> Built | Step:
+def _build_once(job: _Job) -> Built | Step:
     memory = _memory(job.request)
     with exclusive(memory.with_suffix(".lock")):
-        built = remembered(memory)
+        built = recall_wheel(memory)
         if built is None:
             try:
-                built = _made(job)
+                built = _build_job(job)
             except _Stopped as stopped:
                 return stopped.step
             write_atomic(memory, built.key.encode())
@@ -186,7 +186,7 @@ def adopt(pin: Pin, interpreter: Interpreter, question: Question, key: str, whee
     """Store a wheel that was built on another machine for this Python as the answer to its request here."""
     memory = _memory(_request(pin, interpreter, question))
     with exclusive(memory.with_suffix(".lock")):
-        if remembered(memory) is None:
+        if recall_wheel(memory) is None:
             write_atomic(cache_folder() / "wheels" / key / wheel.name, wheel.read_bytes())
             write_atomic(memory, key.encode())
 
@@ -203,16 +203,16 @@ def _memory(request: str) -> Path:
     return cache_folder() / "wheels" / "requests" / f"{request}.txt"
 
 
-def remembered(memory: Path) -> Built | None:
+def recall_wheel(memory: Path) -> Built | None:
     """Return the wheel that a request led to before, if the remembered key and the wheel are whole."""
     try:
         key = guarded_files.text(memory, 100)
     except Unreadable:
         return None
-    return kept(key) if KEY.fullmatch(key) else None
+    return load_wheel(key) if KEY.fullmatch(key) else None
 
 
-def kept(key: str) -> Built | None:
+def load_wheel(key: str) -> Built | None:
     """Return the wheel of a build if it is in the store; a damaged one is removed, and so built again."""
     folder = cache_folder() / "wheels" / key
     use(folder)
@@ -223,7 +223,7 @@ def kept(key: str) -> Built | None:
         with understanding():
             return Built(path=wheel, sha256=_sound(wheel), key=key)
     except Unreadable:
-        removed(folder)
+        remove_folder(folder)
         return None
 
 
@@ -241,7 +241,7 @@ def _sound(wheel: Path) -> str:
     return mark
 
 
-def _made(job: _Job) -> Built:
+def _build_job(job: _Job) -> Built:
     with uv_command.scratch() as work:
         try:
             source = job.unpack(work / "source") if job.unpack else _unpacked(job, work)
@@ -265,15 +265,15 @@ def _built(bench: _Bench) -> Built:
     if more:
         place = _place(job, (*bench.system.requires, *more))
     key = digest("wheel", job.pin.artifact.sha256, place.key, job.question.build_variables)
-    built = kept(key)
+    built = load_wheel(key)
     if built is None:
-        made = bench.work / "wheel"
-        made.mkdir()
-        _call(bench, place, "build_wheel", str(made))
-        _fitting(job, made)
+        output = bench.work / "wheel"
+        output.mkdir()
+        _call(bench, place, "build_wheel", str(output))
+        _fitting(job, output)
         with suppress(OSError):  # another request may have led to the same build meanwhile
-            made.rename(cache_folder() / "wheels" / key)
-        built = kept(key)
+            output.rename(cache_folder() / "wheels" / key)
+        built = load_wheel(key)
     if built is None:
         raise job.stopped(Outcome.INFRA, f"{job.title}: its wheel could not be put into the cache folder")
     return built
@@ -281,16 +281,16 @@ def _built(bench: _Bench) -> Built:
 
 def _place(job: _Job, requires: Sequence[str]) -> Place:
     """Return an environment with the build requirements, resolved under the question's build constraints and cutoff."""
-    asked = job.question
+    outer_question = job.question
     question = Question(
         requirements=tuple(requires),
-        constraints=asked.build_constraints,
-        build_constraints=asked.build_constraints,
-        build_variables=asked.build_variables,
-        only_binary=asked.only_binary,
-        index=asked.index,
-        torch_backend=asked.torch_backend,
-        snapshot=asked.snapshot,
+        constraints=outer_question.build_constraints,
+        build_constraints=outer_question.build_constraints,
+        build_variables=outer_question.build_variables,
+        only_binary=outer_question.only_binary,
+        index=outer_question.index,
+        torch_backend=outer_question.torch_backend,
+        snapshot=outer_question.snapshot,
     )
     folder = open_store().evidence(f"build-{job.request}")
     try:
@@ -300,7 +300,7 @@ def _place(job: _Job, requires: Sequence[str]) -> Place:
     place = job.provide(lock, question, job.chain) if isinstance(lock, Lock) else lock
     if isinstance(place, Step):
         decisive = f"{job.title}: its build requirements: {place.decisive}"
-        raise _Stopped(replace(place, phase=Phase.INSTALL, decisive=bounded(decisive)))
+        raise _Stopped(replace(place, phase=Phase.INSTALL, decisive=shorten_line(decisive)))
     return place
 
 
@@ -329,8 +329,8 @@ def _call(bench: _Bench, place: Place, hook: str, *arguments: str) -> Any:
     except _HookFailed as failed:
         raise _failure(job, failed.completed, hook) from None
     except (BackendUnavailable, HookMissing, UnsupportedOperation, ValueError) as error:
-        told = decisive_line(getattr(error, "traceback", "")) or str(error)
-        raise job.stopped(Outcome.FAILED, f"{job.title}: its build backend cannot be used: {told}") from None
+        reason = decisive_line(getattr(error, "traceback", "")) or str(error)
+        raise job.stopped(Outcome.FAILED, f"{job.title}: its build backend cannot be used: {reason}") from None
 
 
 def _run(bench: _Bench, place: Place, log: Path, argv: tuple[str, ...], more: Mapping[str, str]) -> None:
@@ -370,7 +370,7 @@ def _failure(job: _Job, completed: process.Completed, hook: str) -> _Stopped:
     if completed.killed or completed.out_of_memory or completed.shot:
         why = completed.killed or (SHOT if completed.shot else f"more than {LIMITS.memory_mb} MB of memory")
         return job.stopped(Outcome.INFRA, f"{job.title}: {hook} was ended: {why}", log)
-    died = completed.signal and f"{hook}: {death(None, completed.signal, text)}"
+    died = completed.signal and f"{hook}: {describe_death(None, completed.signal, text)}"
     decisive = died or decisive_line(text) or f"{hook} ended with exit code {completed.exit_code}"
     starved = completed.starved and COMPILER_KILLED in text
     trouble = starved or machine_trouble(text, decisive, completed.least_room_mb)
@@ -379,10 +379,10 @@ def _failure(job: _Job, completed: process.Completed, hook: str) -> _Stopped:
 
 def _fitting(job: _Job, folder: Path) -> None:
     """Refuse a build result that is not one wheel of this package, version and Python."""
-    made = sorted(path.name for path in folder.iterdir())
-    named = f"{job.title}: its build made {', '.join(made) or 'nothing'}"
+    files = sorted(path.name for path in folder.iterdir())
+    named = f"{job.title}: its build made {', '.join(files) or 'nothing'}"
     try:
-        name, version, _, tags = parse_wheel_filename(made[0] if len(made) == 1 else "")
+        name, version, _, tags = parse_wheel_filename(files[0] if len(files) == 1 else "")
     except InvalidWheelFilename:
         raise job.stopped(Outcome.FAILED, f"{named}, which is not one wheel") from None
     foreign = job.pin.version and (name != canonicalize_name(job.pin.name) or version != Version(job.pin.version))

@@ -106,13 +106,13 @@ def of_folder(folder: Path) -> State:
             files = sorted(_files(folder))
             return State(mark=digest("folder", [(path.as_posix(), _hash(folder / path)) for path in files]))
         top = Path((work / "top").read_text().rstrip("\n"))
-        told = [(work / name).read_text().strip() for name in ("prefix", "commit", "described")]
+        facts = [(work / name).read_text().strip() for name in ("prefix", "commit", "described")]
         changes, tags = ((work / name).read_bytes().split(b"\0")[:-1] for name in ("changes", "tags"))
-    found = sorted((os.fsdecode(line[3:]), line.startswith(b"??")) for line in changes)
-    names = [name for name, untracked in found if not (untracked and _is_left(top, Path(name), Path(told[0])))]
+    entries = sorted((os.fsdecode(line[3:]), line.startswith(b"??")) for line in changes)
+    names = [name for name, untracked in entries if not (untracked and _is_left(top, Path(name), Path(facts[0])))]
     unwatched = sorted(os.fsdecode(line[2:]) for line in tags if line[:1] in UNWATCHED)
-    mark = digest("checkout", told, [(name, _hash(top / name)) for name in (*names, *unwatched)])
-    return State(mark=mark, commit=told[1] or None, changed=bool(names))
+    mark = digest("checkout", facts, [(name, _hash(top / name)) for name in (*names, *unwatched)])
+    return State(mark=mark, commit=facts[1] or None, changed=bool(names))
 
 
 def of_repository(source: str, *, offline: bool = False) -> State:
@@ -128,9 +128,9 @@ def of_repository(source: str, *, offline: bool = False) -> State:
         raise CouldNotTell(message)
     if commit is None:
         with exclusive(wanted.mirror.with_suffix(".lock")), uv_command.scratch() as work:
-            said = _git(MIRROR, work, str(wanted.mirror), wanted.address)
-        if said is not None:
-            message = f"subject: the repository cannot be fetched: {said}"
+            error = _git(MIRROR, work, str(wanted.mirror), wanted.address)
+        if error is not None:
+            message = f"subject: the repository cannot be fetched: {error}"
             raise CouldNotTell(message)
         commit = _commit(wanted)
     if commit is None:
@@ -174,9 +174,9 @@ def copy_folder(folder: Path, target: Path) -> Path:
             return target
         top = Path((work / "top").read_text().rstrip("\n"))
         prefix, commit = ((work / name).read_text().strip() for name in ("prefix", "commit"))
-        said = _git(CLONE, work, str(top), commit)
-        if said is not None:
-            message = f"{folder}: git cannot copy it: {said}"
+        error = _git(CLONE, work, str(top), commit)
+        if error is not None:
+            message = f"{folder}: git cannot copy it: {error}"
             raise CouldNotTell(message)
         if commit:
             (work / "tree" / ".git").rename(target / ".git")
@@ -188,9 +188,9 @@ def copy_commit(source: str, commit: str, target: Path) -> Path:
     """Check out a commit of a repository that was fetched; returns where the package lies below the target."""
     wanted = Repository.parse(source)
     with uv_command.scratch() as work:
-        said = _git(CHECK_OUT, work, str(wanted.mirror), commit)
-        if said is not None:
-            message = f"subject: commit {commit} cannot be checked out: {said}"
+        error = _git(CHECK_OUT, work, str(wanted.mirror), commit)
+        if error is not None:
+            message = f"subject: commit {commit} cannot be checked out: {error}"
             raise CouldNotTell(message)
         target.parent.mkdir(parents=True, exist_ok=True)
         shutil.move(work / "tree", target)
@@ -212,9 +212,9 @@ def _copy(folder: Path, target: Path, names: Iterable[Path]) -> None:
 def _listed(top: Path, below: Path = Path()) -> list[Path]:
     """Return the files of a checkout without leftovers, relative to it; the project lies in its folder `below`."""
     with uv_command.scratch() as work:
-        said = _git(LIST, work, str(top))
-        if said is not None:
-            message = f"{top}: git cannot list it: {said}"
+        error = _git(LIST, work, str(top))
+        if error is not None:
+            message = f"{top}: git cannot list it: {error}"
             raise CouldNotTell(message)
         tracked, others = (
             [Path(os.fsdecode(name)) for name in (work / file).read_bytes().split(b"\0")[:-1]]
@@ -279,6 +279,6 @@ def _git(script: str, work: Path, *arguments: str) -> str | None:
     if completed.exit_code == 0:
         return None
     lines = (work / "git.log").read_text(encoding="utf-8", errors="replace").split("\n")
-    told = [line.strip() for line in lines if line.strip()]
-    fatal = [line for line in told if line.startswith(("fatal: ", "error: "))]
-    return completed.killed or next(iter(fatal or told[-1:]), f"git ended with {completed.exit_code}")
+    messages = [line.strip() for line in lines if line.strip()]
+    fatal = [line for line in messages if line.startswith(("fatal: ", "error: "))]
+    return completed.killed or next(iter(fatal or messages[-1:]), f"git ended with {completed.exit_code}")

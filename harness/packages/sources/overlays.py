@@ -25,7 +25,7 @@ from harness.packages.sources import builds, wheel_patch
 
 def resolve(question: Question, interpreter: Interpreter, folder: Path, *, offline: bool = False) -> Lock | Step:
     """Resolve as `resolver.resolve` does, with the repaired releases of the question to choose from."""
-    led = _led(question, offline=offline)
+    led = _add_find_links(question, offline=offline)
     return (
         led if isinstance(led, Step) else _dated(resolver.resolve(led, interpreter, folder, offline=offline), question)
     )
@@ -35,18 +35,20 @@ def restore(
     requirements: str, question: Question, interpreter: Interpreter, folder: Path, *, offline: bool = False
 ) -> Lock | Step:
     """Restore as `resolver.restore` does, after making the repaired wheels that the lock holds."""
-    hashes = [mark for _, marks in locks.pinned(requirements).values() for mark in marks]
-    led = _led(replace(question, overlay=overlay_recipes.used(question.overlay, hashes)), offline=offline)
+    hashes = [mark for _, marks in locks.read_pins(requirements).values() for mark in marks]
+    led = _add_find_links(
+        replace(question, overlay=overlay_recipes.select_by_hash(question.overlay, hashes)), offline=offline
+    )
     if isinstance(led, Step):
         return led
     return _dated(resolver.restore(requirements, led, interpreter, folder, offline=offline), question)
 
 
-def supplied(lock: Lock, question: Question, *, offline: bool = False) -> Lock | Step:
+def provide_wheels(lock: Lock, question: Question, *, offline: bool = False) -> Lock | Step:
     """Return the lock with its repaired wheels in their places, made anew if they are gone."""
-    made = {}
+    replacements = {}
     pins = {pin.artifact.sha256: pin for pin in lock.pins if not Path(pin.artifact.source).is_file()}
-    for repair in overlay_recipes.used(question.overlay, pins):
+    for repair in overlay_recipes.select_by_hash(question.overlay, pins):
         try:
             path = wheel(repair, question.index, offline=offline)
         except index.UnknownPackage as error:
@@ -54,8 +56,8 @@ def supplied(lock: Lock, question: Question, *, offline: bool = False) -> Lock |
         if isinstance(path, Step):
             return replace(path, phase=Phase.INSTALL)
         pin = pins[repair.wheel]
-        made[pin.name] = replace(pin, artifact=replace(pin.artifact, source=str(path)))
-    return replace(lock, pins=tuple(made.get(pin.name, pin) for pin in lock.pins)) if made else lock
+        replacements[pin.name] = replace(pin, artifact=replace(pin.artifact, source=str(path)))
+    return replace(lock, pins=tuple(replacements.get(pin.name, pin) for pin in lock.pins)) if replacements else lock
 
 
 def wheel(repair: Repair, settings: IndexSettings, *, offline: bool = False) -> Path | Step:
@@ -65,31 +67,31 @@ def wheel(repair: Repair, settings: IndexSettings, *, offline: bool = False) -> 
     """
     folder = _folder(repair)
     with exclusive(folder.with_name("requests") / f"{folder.name}.lock"):
-        known = builds.kept(folder.name)
-        if known and known.sha256 == repair.wheel:
-            return known.path
-        made = _made(repair, settings, offline=offline)
-        if isinstance(made, Step):
-            return made
-        name, content = made
+        build = builds.load_wheel(folder.name)
+        if build and build.sha256 == repair.wheel:
+            return build.path
+        result = _repair_wheel(repair, settings, offline=offline)
+        if isinstance(result, Step):
+            return result
+        name, content = result
         write_atomic(folder / name, content)
         return folder / name
 
 
-def _made(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes] | Step:
+def _repair_wheel(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes] | Step:
     """Return the file name and the content of the repaired wheel."""
     take = _fetched if repair.python is None else _built
     original = take(repair, settings, offline=offline)
     if isinstance(original, Step):
         return original
-    name, wheel, told = original
+    name, wheel, note = original
     try:
-        content = wheel_patch.mended(wheel, repair)
+        content = wheel_patch.repair_wheel(wheel, repair)
     except wheel_patch.Unrepairable as error:
         return _failed(repair, str(error))
-    found = wheel_patch.sha256(content)
-    if found != repair.wheel:
-        return _failed(repair, f"the SHA-256 is {found}{told}, and the recipe says {repair.wheel}")
+    sha256 = wheel_patch.sha256(content)
+    if sha256 != repair.wheel:
+        return _failed(repair, f"the SHA-256 is {sha256}{note}, and the recipe says {repair.wheel}")
     return name, content
 
 
@@ -108,8 +110,8 @@ def _built(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[s
     """Return the file name and the content of the wheel built from the index's sdist, and which Python built it."""
     builder = _builder(repair)
     if builder is None:
-        told = f"its repaired wheel is built by a Python {repair.python}, and there is none here"
-        return _failed(repair, told, Outcome.UNAVAILABLE)
+        reason = f"its repaired wheel is built by a Python {repair.python}, and there is none here"
+        return _failed(repair, reason, Outcome.UNAVAILABLE)
     question = Question(requirements=(), build_constraints=repair.build, index=settings)
     try:
         artifact = index.find(repair.name, repair.origin, settings, offline=offline)
@@ -126,23 +128,23 @@ def _built(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[s
     return built.path.name, built.path.read_bytes(), f" (built by Python {builder.version})"
 
 
-def _failed(repair: Repair, told: str, outcome: Outcome = Outcome.INFRA) -> Step:
-    decisive = f"{repair.name} {repair.version} could not be repaired: {told}"
+def _failed(repair: Repair, reason: str, outcome: Outcome = Outcome.INFRA) -> Step:
+    decisive = f"{repair.name} {repair.version} could not be repaired: {reason}"
     return Step(phase=Phase.RESOLVE, outcome=outcome, decisive=decisive)
 
 
 def _builder(repair: Repair) -> Interpreter | None:
     """Return the newest CPython here that can build the release; None if there is none."""
     allowed = SpecifierSet(repair.python or "")
-    found = [
+    candidates = [
         one
         for one in interpreters.available()
         if allowed.contains(one.version) and one.implementation.partition("+")[0] == "cpython"
     ]
-    return max(found, key=lambda one: Version(one.version), default=None)
+    return max(candidates, key=lambda interpreter: Version(interpreter.version), default=None)
 
 
-def _led(question: Question, *, offline: bool) -> Question | Step:
+def _add_find_links(question: Question, *, offline: bool) -> Question | Step:
     """Return the question with the folders of its repaired wheels among its find-links."""
     links = []
     for repair in overlay_recipes.fitting(question.overlay, question):
@@ -161,13 +163,13 @@ def _dated(answer: Lock | Step, question: Question) -> Lock | Step:
     """Return the lock with repaired wheels as old as their originals, so that they did not escape the cutoff."""
     if isinstance(answer, Step) or not question.overlay:
         return answer
-    known = {repair.wheel: repair for repair in question.overlay}
-    return locks.assembled((_as_made(pin, known) for pin in answer.pins), answer.instant)
+    repairs = {repair.wheel: repair for repair in question.overlay}
+    return locks.assemble((_as_made(pin, repairs) for pin in answer.pins), answer.instant)
 
 
-def _as_made(pin: Pin, known: Mapping[str, Repair]) -> Pin:
+def _as_made(pin: Pin, repairs: Mapping[str, Repair]) -> Pin:
     """Return a pin of the repaired wheel alone if its hash is allowed; the index may have another or a namesake."""
-    repair = next((known[mark] for mark in pin.hashes if mark in known), None)
+    repair = next((repairs[mark] for mark in pin.hashes if mark in repairs), None)
     if repair is None:
         return pin
     source = str(_folder(repair) / pin.artifact.filename)

@@ -39,7 +39,7 @@ def absent(bring: Bring) -> str | None:
     return f"{bring.name} is not here, and {bring.variable} names no place of it: {bring.say}"
 
 
-def looked_at(bring: Bring, *, offline: bool = False) -> Source:
+def inspect_source(bring: Bring, *, offline: bool = False) -> Source:
     """Return the supplied software in its present state. Raises BadInput if nothing lies at the named place."""
     source = _source(bring)
     if source.startswith(checkouts.REPOSITORY):
@@ -52,11 +52,11 @@ def looked_at(bring: Bring, *, offline: bool = False) -> Source:
     else:
         message = f"{bring.variable}: {source} is neither a folder nor an archive; {bring.say}"
         raise BadInput(message)
-    found = Brought(name=bring.name, mark=state.mark, commit=state.commit, changed=state.changed)
-    return Source(bring=bring, source=source, found=found)
+    fingerprint = Brought(name=bring.name, mark=state.mark, commit=state.commit, changed=state.changed)
+    return Source(bring=bring, source=source, found=fingerprint)
 
 
-def copied(source: Source) -> Path:
+def copy_source(source: Source) -> Path:
     """Return the folder of the copy for cells, made now or before. Raises BadInput for a file that is no archive."""
     folder = cache_folder() / "brought" / digest("brought", source.found.mark)
     use(folder)

@@ -28,7 +28,7 @@ class Unrepairable(Exception):
     """A wheel is not the one that its recipe was written for."""
 
 
-def mended(wheel: bytes, repair: Repair) -> bytes:
+def repair_wheel(wheel: bytes, repair: Repair) -> bytes:
     """Return the wheel with its metadata repaired and its RECORD corrected. Raises Unrepairable."""
     with zipfile.ZipFile(io.BytesIO(wheel)) as archive:
         entries = {info.filename: info for info in archive.infolist() if not info.is_dir()}

@@ -23,7 +23,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-from harness.standalone.counting import Fit, counting, says
+from harness.standalone.counting import Fit, is_stated, select_counting
 
 Plain = Mapping[str, Any]
 
@@ -73,11 +73,11 @@ def combined(layers: Iterable[Layer]) -> dict[str, Any]:
     machines: dict[str, Plain] = {}
     locks: dict[str, str] = {}
     cells: dict[tuple[str, str], Plain] = {}
-    for one in layers:
-        generated = max(generated, one.generated)
-        machines.update(one.machines)
-        locks.update(one.locks)
-        for cell in one.cells:
+    for report_layer in layers:
+        generated = max(generated, report_layer.generated)
+        machines.update(report_layer.machines)
+        locks.update(report_layer.locks)
+        for cell in report_layer.cells:
             key = cell["id"], cell["machine"]
             if key not in cells or cells[key]["measured"] <= cell["measured"]:
                 cells[key] = cell
@@ -91,7 +91,7 @@ def combined(layers: Iterable[Layer]) -> dict[str, Any]:
     }
 
 
-def again(document: Plain) -> Layer:
+def to_layer(document: Plain) -> Layer:
     """Return a document as a layer, so that it can be combined with others."""
     return Layer(
         generated=document["generated"],
@@ -106,8 +106,8 @@ def lock_text(document: Plain, sha256: str) -> str:
     taken = document["taken"].get(sha256, {})
     lines = []
     for name, version in document["locks"][sha256]:
-        known = document["hashes"][f"{name}=={version}"]
-        hashes = [known[place] for place in taken[name]] if name in taken else known
+        release_hashes = document["hashes"][f"{name}=={version}"]
+        hashes = [release_hashes[place] for place in taken[name]] if name in taken else release_hashes
         lines.append(" \\\n".join((f"{name}=={version}", *(f"    --hash=sha256:{one}" for one in hashes))) + "\n")
     return "".join(lines)
 
@@ -133,12 +133,12 @@ def packed_reports(reports: Mapping[str, Plain]) -> bytes:
         for name, report in sorted(reports.items()):
             member = zipfile.ZipInfo(f"{name}.json", (1980, 1, 1, 0, 0, 0))
             member.compress_type = zipfile.ZIP_DEFLATED
-            text = json.dumps(_alone(report), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+            text = json.dumps(_strip_file_names(report), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
             archive.writestr(member, text.encode(), compresslevel=9)
     return buffer.getvalue()
 
 
-def _alone(report: Plain) -> dict[str, Any]:
+def _strip_file_names(report: Plain) -> dict[str, Any]:
     """Return a report without the names of its files."""
     cells = []
     for cell in report["cells"]:
@@ -152,9 +152,9 @@ def _alone(report: Plain) -> dict[str, Any]:
 
 
 def _cell(cell: Plain, lock: str | None, text: Callable[[str], str | None]) -> dict[str, Any]:
-    made = {key: cell.get(key) for key in (*COPIED, *LATER)}
+    entry = {key: cell.get(key) for key in (*COPIED, *LATER)}
     expectation = cell.get("expectation") or {}
-    made |= {
+    entry |= {
         "cases": [{key: case[key] for key in OF_CASE if key in case} for case in cell["cases"]],
         "lock": lock,
         "imported": [] if any("exercised" in case for case in cell["cases"]) else _imported(cell["evidence"], text),
@@ -169,40 +169,42 @@ def _cell(cell: Plain, lock: str | None, text: Callable[[str], str | None]) -> d
         "subject": (cell.get("subject") or {}).get("name"),
         "own": all((case["env"] or "").count(":") >= OWN for case in cell["cases"]) and bool(cell["cases"]),
     }
-    return {key: value for key, value in made.items() if value or key in SAID}
+    return {key: value for key, value in entry.items() if value or key in REQUIRED_KEYS}
 
 
-SAID = frozenset({*COPIED, *LATER, "cases", "lock", "causes", "repairs"})
+REQUIRED_KEYS = frozenset({*COPIED, *LATER, "cases", "lock", "causes", "repairs"})
 """Keys that every cell has; any other one is left out where there is nothing to say."""
 
 
 def _imported(evidence: str | None, text: Callable[[str], str | None]) -> list[str]:
     """Return the modules that one case is known to have imported: those that it names, and well-known libraries."""
-    found: set[str] = set()
+    modules: set[str] = set()
     for line in (text(f"{evidence}/reply.jsonl") or "" if evidence else "").splitlines():
         if '"import.modules"' in line or '"end"' in line:
             with suppress(ValueError, AttributeError, TypeError, RecursionError):  # a cell may have written anything
-                told = json.loads(line)
-                found |= {*(told.get("facts") or {}).get("seconds", ()), *(told.get("versions") or ())}
-    return sorted(map(str, found))
+                record = json.loads(line)
+                modules |= {*(record.get("facts") or {}).get("seconds", ()), *(record.get("versions") or ())}
+    return sorted(map(str, modules))
 
 
 def _causes(cell: Plain) -> list[str]:
     """Return the ids of the known failures that count."""
-    said = [cell["decisive"] or "", *(line for case in cell["cases"] for line in case.get("reasons", {}).values())]
-    return list(counting(_fit(one, said) for one in cell["diagnoses"]))
+    lines = [cell["decisive"] or "", *(line for case in cell["cases"] for line in case.get("reasons", {}).values())]
+    return list(select_counting(_fit(one, lines) for one in cell["diagnoses"]))
 
 
-def _fit(one: Plain, said: Sequence[str]) -> Fit:
-    seen = one.get("seen", "")
-    return Fit(one["signature"], one["masks"], one.get("generic", False), seen, says(seen, said))
+def _fit(diagnosis: Plain, lines: Sequence[str]) -> Fit:
+    seen = diagnosis.get("seen", "")
+    return Fit(
+        diagnosis["signature"], diagnosis["masks"], diagnosis.get("generic", False), seen, is_stated(seen, lines)
+    )
 
 
 def _machine(facts: Plain) -> dict[str, Any]:
     libc = str(facts.get("libc", ""))
     ways = [facts.get(way) or {} for way in ("egl", "osmesa", "display")]
     drawing: Plain = next((way for way in ways if way.get("vendor")), {})
-    made = {
+    entry = {
         "os": facts.get("os"),
         "libc": libc,
         "glibc": libc.partition(" ")[2] if libc.startswith("glibc ") else None,
@@ -211,7 +213,7 @@ def _machine(facts: Plain) -> dict[str, Any]:
         "gl_version": drawing.get("version"),
         "gpu": (facts.get("gpu") or {}).get("models"),
     }
-    return {name: fact for name, fact in made.items() if fact}
+    return {name: fact for name, fact in entry.items() if fact}
 
 
 def _is_lock(text: str) -> bool:
@@ -237,11 +239,11 @@ def _locks(texts: Mapping[str, str]) -> dict[str, Any]:
     lock holds if it does not hold all.
     """
     read = {sha: list(_pins(text)) for sha, text in texts.items()}
-    known: dict[str, set[str]] = {}
+    release_hashes: dict[str, set[str]] = {}
     for name, version, hashes in (pin for pins in read.values() for pin in pins):
-        known.setdefault(f"{name}=={version}", set()).update(hashes)
-    ordered = {release: sorted(hashes) for release, hashes in sorted(known.items())}
-    taken = {sha: dict(_taken(pins, ordered)) for sha, pins in read.items()}
+        release_hashes.setdefault(f"{name}=={version}", set()).update(hashes)
+    ordered = {release: sorted(hashes) for release, hashes in sorted(release_hashes.items())}
+    taken = {sha: dict(_hash_positions(pins, ordered)) for sha, pins in read.items()}
     return {
         "locks": {sha: [[name, version] for name, version, _ in pins] for sha, pins in read.items()},
         "hashes": ordered,
@@ -249,10 +251,10 @@ def _locks(texts: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def _taken(
-    pins: Iterable[tuple[str, str, list[str]]], known: Mapping[str, list[str]]
+def _hash_positions(
+    pins: Iterable[tuple[str, str, list[str]]], release_hashes: Mapping[str, list[str]]
 ) -> Iterator[tuple[str, list[int]]]:
     for name, version, hashes in pins:
-        all_of_it = known[f"{name}=={version}"]
+        all_of_it = release_hashes[f"{name}=={version}"]
         if hashes != all_of_it:
             yield name, [all_of_it.index(one) for one in hashes]

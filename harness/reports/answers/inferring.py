@@ -15,7 +15,7 @@ import msgspec
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness.reports.answers.measured_cells import Known, Query, Wanted, fitting, good
+from harness.reports.answers.measured_cells import CellResult, Query, Wanted, find_fitting, find_good
 
 PYTHON = "python"
 
@@ -34,7 +34,7 @@ class Inferred(msgspec.Struct, frozen=True, kw_only=True):
     from_cells: tuple[str, ...]
 
 
-def inferred(cells: Sequence[Known], query: Query) -> list[Inferred]:
+def infer(cells: Sequence[CellResult], query: Query) -> list[Inferred]:
     """Return the combinations inferred for a question that no measurement answers."""
     return [*_versions_between(cells, query), *_pythons_between(cells, query)]
 
@@ -42,12 +42,12 @@ def inferred(cells: Sequence[Known], query: Query) -> list[Inferred]:
 # --- between ---------------------------------------------------------------------------------------------------
 
 
-def _versions_between(cells: Sequence[Known], query: Query) -> Iterator[Inferred]:
+def _versions_between(cells: Sequence[CellResult], query: Query) -> Iterator[Inferred]:
     """Yield a pinned version that lies between two versions that work.
 
     No cell may hold it together with everything else that was asked for.
     """
-    seen = bool(fitting(cells, Query(wanted=query.wanted)))
+    seen = bool(find_fitting(cells, Query(wanted=query.wanted)))
     for place, wanted in enumerate(() if seen else query.wanted):
         pinned = _pin(wanted)
         free = replace(wanted, versions=SpecifierSet())
@@ -70,13 +70,13 @@ def _near(low: Version, high: Version) -> bool:
     return low.major == high.major and (low.major > 0 or low.minor == high.minor)
 
 
-def _pythons_between(cells: Sequence[Known], query: Query) -> Iterator[Inferred]:
+def _pythons_between(cells: Sequence[CellResult], query: Query) -> Iterator[Inferred]:
     """Yield a Python without measurements that lies between two on which the same versions work."""
-    if query.python is None or fitting(cells, replace(query, needs=(), env=None)):
+    if query.python is None or find_fitting(cells, replace(query, needs=(), env=None)):
         return
-    asked = Version(query.python)
+    target = Version(query.python)
     for before, after in _neighbours(cells, replace(query, python=None), PYTHON):
-        if Version(before.minor) < asked < Version(after.minor):
+        if Version(before.minor) < target < Version(after.minor):
             yield Inferred(
                 kind="between",
                 versions={name: str(before.version(name)) for name in query.names},
@@ -87,15 +87,15 @@ def _pythons_between(cells: Sequence[Known], query: Query) -> Iterator[Inferred]
             )
 
 
-def _neighbours(cells: Sequence[Known], query: Query, axis: str) -> Iterator[tuple[Known, Known]]:
+def _neighbours(cells: Sequence[CellResult], query: Query, axis: str) -> Iterator[tuple[CellResult, CellResult]]:
     """Yield pairs of working cells that differ in one axis only, with no other cell between them."""
 
-    def place(one: Known) -> Version:
-        return Version(one.minor if axis == PYTHON else str(one.version(axis)))
+    def place(result: CellResult) -> Version:
+        return Version(result.minor if axis == PYTHON else str(result.version(axis)))
 
-    for alike in _alike(fitting(cells, replace(query, needs=(), env=None)), axis):
+    for alike in _alike(find_fitting(cells, replace(query, needs=(), env=None)), axis):
         for before, after in pairwise(sorted(alike, key=place)):
-            if len(good((before, after), query)) == 2 and place(before) < place(after):
+            if len(find_good((before, after), query)) == 2 and place(before) < place(after):
                 yield before, after
 
 
@@ -107,15 +107,15 @@ def _pin(wanted: Wanted) -> Version | None:
     return None
 
 
-def _alike(cells: Iterable[Known], apart_from: str) -> list[list[Known]]:
+def _alike(cells: Iterable[CellResult], apart_from: str) -> list[list[CellResult]]:
     """Group cells of one matrix and machine that differ in one axis and in nothing else that was chosen."""
-    groups: dict[Any, list[Known]] = {}
-    for one in cells:
-        cell = one.cell
+    groups: dict[Any, list[CellResult]] = {}
+    for result in cells:
+        cell = result.cell
         if apart_from in cell["axes"]:
             axes = sorted((name, value) for name, value in cell["axes"].items() if name != apart_from)
             key = (cell["matrix"], cell["machine"], cell.get("base") and cell["id"], tuple(axes), _plain(cell))
-            groups.setdefault(key, []).append(one)
+            groups.setdefault(key, []).append(result)
     return list(groups.values())
 
 
@@ -123,8 +123,8 @@ def _plain(cell: Mapping[str, Any]) -> tuple[Any, ...]:
     return tuple(sorted(cell["environment"].items())), tuple(one["package"] for one in cell["repairs"])
 
 
-def _rest(one: Known, apart_from: str) -> str:
+def _rest(result: CellResult, apart_from: str) -> str:
     """Return the other chosen versions in words, such as `Python 3.11, mujoco 3.3.7`."""
-    chosen = {"Python": one.minor} if apart_from != PYTHON else {}
-    chosen |= {name: version for name, version in one.chosen.items() if name != apart_from}
+    chosen = {"Python": result.minor} if apart_from != PYTHON else {}
+    chosen |= {name: version for name, version in result.chosen.items() if name != apart_from}
     return ", ".join(f"{name} {version}" for name, version in chosen.items())

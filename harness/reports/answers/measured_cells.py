@@ -39,11 +39,13 @@ class Wanted:
     @classmethod
     def of(cls, text: str) -> Wanted:
         """Parse a requirement; its extras are ignored. Raises ValueError, also for an address or a marker."""
-        found = parsed_requirement(text)
-        if found.url or found.marker:
-            message = f'"{text}" has {"an address" if found.url else "a marker"}; name a package, or `name>=version`'
+        requirement = parsed_requirement(text)
+        if requirement.url or requirement.marker:
+            message = (
+                f'"{text}" has {"an address" if requirement.url else "a marker"}; name a package, or `name>=version`'
+            )
             raise ValueError(message)
-        return cls(name=required_name(text), versions=found.specifier, text=text)
+        return cls(name=required_name(text), versions=requirement.specifier, text=text)
 
     def fits(self, version: str | None) -> bool:
         """Return whether a version is allowed."""
@@ -66,7 +68,7 @@ class Query:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Known:
+class CellResult:
     """A measured cell with the versions in its lock; without a lock, the versions that the cell asks for count."""
 
     cell: Plain
@@ -79,10 +81,14 @@ class Known:
     @cached_property
     def _asked(self) -> dict[str, str]:
         """Return the versions that the cell asks for."""
-        found = {name: version for name, value in self.cell["axes"].items() if (version := _version(value))}
-        for one in self.requirements:
-            found |= {canonicalize_name(one.name): part.version for part in one.specifier if part.operator == "=="}
-        return found
+        versions = {name: version for name, value in self.cell["axes"].items() if (version := _version(value))}
+        for requirement in self.requirements:
+            versions |= {
+                canonicalize_name(requirement.name): part.version
+                for part in requirement.specifier
+                if part.operator == "=="
+            }
+        return versions
 
     @cached_property
     def requirements(self) -> tuple[Requirement, ...]:
@@ -141,44 +147,44 @@ class Known:
         return {name: value for name, value in self.cell["environment"].items() if name != WAYS}
 
 
-def known(document: Plain) -> list[Known]:
+def read(document: Plain) -> list[CellResult]:
     """Return the cells of a document, each with the versions in its lock."""
     pins = {sha: dict(map(tuple, lock)) for sha, lock in document["locks"].items()}
-    return [Known(cell=cell, pins=pins.get(cell["lock"], {})) for cell in document["cells"]]
+    return [CellResult(cell=cell, pins=pins.get(cell["lock"], {})) for cell in document["cells"]]
 
 
 # --- what fits -------------------------------------------------------------------------------------------------
 
 
-def fitting(cells: Iterable[Known], query: Query) -> list[Known]:
+def find_fitting(cells: Iterable[CellResult], query: Query) -> list[CellResult]:
     """Return the cells that are about everything asked for, whatever their verdict."""
     return [one for one in cells if _holds(one, query) and _of_python(one, query.python) and _has(one, query.env)]
 
 
-def good(cells: Iterable[Known], query: Query) -> list[Known]:
+def find_good(cells: Iterable[CellResult], query: Query) -> list[CellResult]:
     """Return the fitting cells that ran every package asked for, work, and passed the needed phases."""
-    return [one for one in fitting(cells, query) if ran(one, query) and works(one, query) and passed(one, query)]
+    return [one for one in find_fitting(cells, query) if ran(one, query) and works(one, query) and passed(one, query)]
 
 
-def ran(one: Known, query: Query) -> bool:
+def ran(result: CellResult, query: Query) -> bool:
     """Return whether a case ran each package that was asked for."""
-    return all(name in one.exercised for name in query.names)
+    return all(name in result.exercised for name in query.names)
 
 
-def works(one: Known, query: Query) -> bool:
+def works(result: CellResult, query: Query) -> bool:
     """Return whether a cell is plainly good.
 
     For a question about one environment, it is enough that this environment works.
     """
-    if query.env is None or one.works or one.cell["verdict"] != PARTIAL:
-        return one.works
-    cases = [case for case in one.cell["cases"] if _is(case, query.env)]
-    return all(case_works(case) for case in cases) and not any(map(is_silent, one.cell["unverified"]))
+    if query.env is None or result.works or result.cell["verdict"] != PARTIAL:
+        return result.works
+    cases = [case for case in result.cell["cases"] if _is(case, query.env)]
+    return all(case_works(case) for case in cases) and not any(map(is_silent, result.cell["unverified"]))
 
 
-def some_work(one: Known) -> bool:
+def some_work(result: CellResult) -> bool:
     """Return whether some environment of a cell works."""
-    return any(map(case_works, one.cell["cases"]))
+    return any(map(case_works, result.cell["cases"]))
 
 
 def case_works(case: Plain) -> bool:
@@ -189,16 +195,16 @@ def case_works(case: Plain) -> bool:
     return ends.get("single") == PASSED and {*ends.values()} <= fine and not case.get("misleads") and not silent
 
 
-def _holds(one: Known, query: Query) -> bool:
-    return all(wanted.fits(one.version(wanted.name)) and wanted.name in one.about for wanted in query.wanted)
+def _holds(result: CellResult, query: Query) -> bool:
+    return all(wanted.fits(result.version(wanted.name)) and wanted.name in result.about for wanted in query.wanted)
 
 
-def _of_python(one: Known, python: str | None) -> bool:
-    return python is None or f"{one.python}.".startswith(f"{python}.")
+def _of_python(result: CellResult, python: str | None) -> bool:
+    return python is None or f"{result.python}.".startswith(f"{python}.")
 
 
-def _has(one: Known, env: str | None) -> bool:
-    return env is None or any(_is(case, env) for case in one.cell["cases"])
+def _has(result: CellResult, env: str | None) -> bool:
+    return env is None or any(_is(case, env) for case in result.cell["cases"])
 
 
 def _is(case: Plain, env: str) -> bool:
@@ -206,10 +212,10 @@ def _is(case: Plain, env: str) -> bool:
     return env == case["env"] or env == (case["env"] or "").partition(":")[2]
 
 
-def passed(one: Known, query: Query) -> bool:
+def passed(result: CellResult, query: Query) -> bool:
     """Return whether all needed phases passed, in the environment asked for if there is one."""
-    cases = [case["phases"] for case in one.cell["cases"] if query.env and _is(case, query.env)]
-    return all(phases.get(phase) == PASSED for phases in cases or [one.cell["phases"]] for phase in query.needs)
+    cases = [case["phases"] for case in result.cell["cases"] if query.env and _is(case, query.env)]
+    return all(phases.get(phase) == PASSED for phases in cases or [result.cell["phases"]] for phase in query.needs)
 
 
 def is_silent(name: str) -> bool:

@@ -35,7 +35,7 @@ AT_A_TIME = 8
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Listed:
+class Listing:
     """The versions of a package in an index; `newest` is neither yanked nor, if possible, a pre-release."""
 
     versions: tuple[str, ...] = ()
@@ -45,24 +45,26 @@ class Listed:
 def check_cells(cells: Iterable[Cell], say: Say, *, offline: bool = False) -> None:
     """Refuse requirements of cells that no index has, except in cells expected to be unresolvable. Raises BadInput."""
     questions = {id(cell.question): cell.question for cell in cells if not _is_expected(cell)}
-    found: dict[IndexSettings, dict[str, None]] = {}
-    for one in questions.values():
-        texts = found.setdefault(one.index, {})
-        texts |= dict.fromkeys((*one.requirements, *one.constraints, *one.overrides, *one.build_constraints))
-    for place, requirements in found.items():
+    by_index: dict[IndexSettings, dict[str, None]] = {}
+    for question in questions.values():
+        texts = by_index.setdefault(question.index, {})
+        texts |= dict.fromkeys(
+            (*question.requirements, *question.constraints, *question.overrides, *question.build_constraints)
+        )
+    for place, requirements in by_index.items():
         check(requirements, say, place, offline=offline)
 
 
 def check(requirements: Iterable[str], say: Say, index: IndexSettings = NOTHING, *, offline: bool = False) -> None:
     """Refuse requirements that the index cannot serve; print a note if it cannot be asked. Raises BadInput."""
     wanted: dict[str, list[Requirement]] = {}
-    for one in filter(None, map(_parsed, requirements)):
-        if not one.url:
-            wanted.setdefault(canonicalize_name(one.name), []).append(one)
+    for requirement in filter(None, map(_parsed, requirements)):
+        if not requirement.url:
+            wanted.setdefault(canonicalize_name(requirement.name), []).append(requirement)
     memory = _Memory(index)
     unseen = [name for name, asked in wanted.items() if not _all_fit(asked, memory.load(name))]
-    answers = _answers(unseen, index, offline=offline)
-    wrong = [line for name, listed in answers.items() for line in _wrong(name, wanted[name], listed)]
+    answers = _ask_index(unseen, index, offline=offline)
+    wrong = [line for name, listed in answers.items() for line in _describe_faults(name, wanted[name], listed)]
     if wrong:
         raise BadInput("\n".join(wrong))
     if len(answers) < len(unseen):
@@ -77,16 +79,18 @@ def _is_expected(cell: Cell) -> bool:
 # --- what is wrong ---------------------------------------------------------------------------------------------
 
 
-def _wrong(name: str, asked: Iterable[Requirement], listed: Listed | None) -> Iterable[str]:
+def _describe_faults(name: str, requirements: Iterable[Requirement], listed: Listing | None) -> Iterable[str]:
     """Yield a line for each requirement that cannot be served; `listed` is None where there is no such package."""
     if listed is None:
         near = nearest(name)
         yield f"{name}: no such package" + (f"; did you mean {near}?" if near else "; check its name")
         return
-    for one in asked if listed.versions else ():  # a page that lists nothing, a login page say, tells nothing
-        if not _fits(one, listed):
-            pinned = _pinned(one)
-            what = f"{name} {pinned}: no such release" if pinned else f"{name}{one.specifier}: no release fits"
+    for requirement in (
+        requirements if listed.versions else ()
+    ):  # a page that lists nothing, a login page say, tells nothing
+        if not _fits(requirement, listed):
+            pinned = _pinned(requirement)
+            what = f"{name} {pinned}: no such release" if pinned else f"{name}{requirement.specifier}: no release fits"
             yield f"{what}; newest is {listed.newest or listed.versions[-1]}"
 
 
@@ -111,31 +115,35 @@ def _parsed(text: str) -> Requirement | None:
         return None
 
 
-def _pinned(one: Requirement) -> str | None:
+def _pinned(requirement: Requirement) -> str | None:
     """Return the version that a requirement pins, or None."""
-    exact = [part.version for part in one.specifier if part.operator in {"==", "==="} and "*" not in part.version]
-    return exact[0] if len(one.specifier) == 1 and exact else None
+    exact = [
+        part.version for part in requirement.specifier if part.operator in {"==", "==="} and "*" not in part.version
+    ]
+    return exact[0] if len(requirement.specifier) == 1 and exact else None
 
 
-def _all_fit(asked: Iterable[Requirement], listed: Listed | None) -> bool:
-    return all(_fits(one, listed) for one in asked)
+def _all_fit(requirements: Iterable[Requirement], listed: Listing | None) -> bool:
+    return all(_fits(one, listed) for one in requirements)
 
 
-def _fits(one: Requirement, listed: Listed | None) -> bool:
+def _fits(requirement: Requirement, listed: Listing | None) -> bool:
     """Return whether some release satisfies a requirement.
 
     The local part of a version is ignored: such releases come from other indexes.
     """
     if listed is None:
         return False
-    plain = SpecifierSet(",".join(str(part).partition("+")[0] for part in one.specifier if part.operator != "==="))
+    plain = SpecifierSet(
+        ",".join(str(part).partition("+")[0] for part in requirement.specifier if part.operator != "===")
+    )
     return any(plain.contains(version, prereleases=True) for version in listed.versions)
 
 
 # --- what an index has -----------------------------------------------------------------------------------------
 
 
-def _answers(names: Sequence[str], settings: IndexSettings, *, offline: bool) -> dict[str, Listed | None]:
+def _ask_index(names: Sequence[str], settings: IndexSettings, *, offline: bool) -> dict[str, Listing | None]:
     """Ask the index about packages and return the answers by name.
 
     A package that the index lacks maps to None. A package that it did not answer for is left out.
@@ -145,16 +153,18 @@ def _answers(names: Sequence[str], settings: IndexSettings, *, offline: bool) ->
 
     memory = _Memory(settings)
 
-    def answer(name: str) -> tuple[str, Listed | None] | None:
+    def answer(name: str) -> tuple[str, Listing | None] | None:
         try:
-            found = index.releases(name, settings, offline=offline, patient=False)
+            releases = index.releases(name, settings, offline=offline, patient=False)
         except index.UnknownPackage:
             return name, None
         except index.IndexUnreachable:
             return None
-        plain = [each.version for each in found if not each.yanked]
+        plain = [each.version for each in releases if not each.yanked]
         stable = [version for version in plain if not Version(version).is_prerelease]
-        listed = Listed(versions=tuple(each.version for each in found), newest=next(reversed(stable or plain), None))
+        listed = Listing(
+            versions=tuple(each.version for each in releases), newest=next(reversed(stable or plain), None)
+        )
         memory.keep(name, listed)
         return name, listed
 
@@ -177,14 +187,14 @@ class _Memory:
         places = sha256(repr(combined(settings)).encode()).hexdigest()[:12]
         self._folder = store.cache_folder() / "releases" / places
 
-    def load(self, name: str) -> Listed | None:
+    def load(self, name: str) -> Listing | None:
         """Return the stored listing, or None if there is none."""
         try:
-            listed = guarded_files.decoded(self._folder / f"{name}.json", MOST_LISTED, json.loads)
-            return Listed(versions=tuple(map(str, listed)))
+            listed = guarded_files.read_decoded(self._folder / f"{name}.json", MOST_LISTED, json.loads)
+            return Listing(versions=tuple(map(str, listed)))
         except (Unreadable, TypeError):
             return None
 
-    def keep(self, name: str, listed: Listed) -> None:
+    def keep(self, name: str, listed: Listing) -> None:
         """Store a listing."""
         store.write_atomic(self._folder / f"{name}.json", json.dumps(listed.versions).encode())

@@ -10,7 +10,7 @@ import msgspec
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness.reports.answers.measured_cells import Known, Query, fitting, good
+from harness.reports.answers.measured_cells import CellResult, Query, find_fitting, find_good
 from harness.reports.answers.recommending import Combination, Plain, combinations, newest, public
 
 
@@ -33,10 +33,10 @@ class Apart(msgspec.Struct, frozen=True, kw_only=True):
     python: str | None
 
 
-def apart(document: Plain, cells: Sequence[Known], query: Query) -> Apart | None:
+def apart(document: Plain, cells: Sequence[CellResult], query: Query) -> Apart | None:
     """Return the results of packages that no cell combines; None if some cell does, whatever its versions."""
     free = tuple(replace(one, versions=SpecifierSet()) for one in query.wanted)
-    about = [one for one in fitting(cells, Query(wanted=free)) if one.cell["lock"] is None or _ran_all(one, query)]
+    about = [one for one in find_fitting(cells, Query(wanted=free)) if one.cell["lock"] is None or _ran_all(one, query)]
     if len(query.wanted) < 2 or about:
         return None
     names = _largest(cells, query)
@@ -46,17 +46,17 @@ def apart(document: Plain, cells: Sequence[Known], query: Query) -> Apart | None
     return Apart(halves=halves, requirements=tuple(_requirements(query, halves)), python=python)
 
 
-def installed(cells: Sequence[Known], name: str) -> tuple[str, ...]:
+def installed(cells: Sequence[CellResult], name: str) -> tuple[str, ...]:
     """Return the releases of a package that were in locks of working cells and that no case ran, newest first."""
-    found = {one.pins[name] for one in cells if one.works and name in one.pins and name not in one.exercised}
-    return tuple(sorted(found, key=Version, reverse=True))
+    releases = {one.pins[name] for one in cells if one.works and name in one.pins and name not in one.exercised}
+    return tuple(sorted(releases, key=Version, reverse=True))
 
 
-def _ran_all(one: Known, query: Query) -> bool:
-    return all(name in one.about for name in query.names)
+def _ran_all(result: CellResult, query: Query) -> bool:
+    return all(name in result.about for name in query.names)
 
 
-def _largest(cells: Sequence[Known], query: Query) -> tuple[str, ...]:
+def _largest(cells: Sequence[CellResult], query: Query) -> tuple[str, ...]:
     """Return the largest group of packages for which some cell is good, preferring those named first."""
     for count in range(len(query.names) - 1, 1, -1):
         for wanted in itertools.combinations(query.wanted, count):
@@ -65,27 +65,27 @@ def _largest(cells: Sequence[Known], query: Query) -> tuple[str, ...]:
     return query.names[:1]
 
 
-def _common_python(cells: Sequence[Known], query: Query) -> str | None:
+def _common_python(cells: Sequence[CellResult], query: Query) -> str | None:
     """Return the newest Python on which each of the packages has a good cell, or None."""
-    pythons = [{one.minor for one in good(cells, Query(wanted=(wanted,)))} for wanted in query.wanted]
+    pythons = [{one.minor for one in find_good(cells, Query(wanted=(wanted,)))} for wanted in query.wanted]
     common = set.intersection(*filter(None, pythons)) if any(pythons) else set()
     return max(common, key=Version, default=None)
 
 
-def _half(document: Plain, cells: Sequence[Known], query: Query, names: Sequence[str]) -> Half:
+def _half(document: Plain, cells: Sequence[CellResult], query: Query, names: Sequence[str]) -> Half:
     wanted = tuple(one for one in query.wanted if one.name in names)
-    found = combinations(document, cells, replace(query, wanted=wanted), limit=1)
-    found = found or combinations(document, cells, Query(wanted=wanted), limit=1)
-    beside = () if found or len(names) > 1 else installed(cells, names[0])
-    return Half(packages=tuple(names), combination=found[0] if found else None, installed=beside)
+    matches = combinations(document, cells, replace(query, wanted=wanted), limit=1)
+    matches = matches or combinations(document, cells, Query(wanted=wanted), limit=1)
+    beside = () if matches or len(names) > 1 else installed(cells, names[0])
+    return Half(packages=tuple(names), combination=matches[0] if matches else None, installed=beside)
 
 
 def _requirements(query: Query, halves: Sequence[Half]) -> list[str]:
     """Return the requirements to try, with the measured version where none was asked for."""
-    found = {
+    versions = {
         name: version for half in halves if half.combination for name, version in half.combination.versions.items()
     }
     return [
-        one.text if one.versions or one.name not in found else f"{one.text}=={public(found[one.name])}"
+        one.text if one.versions or one.name not in versions else f"{one.text}=={public(versions[one.name])}"
         for one in query.wanted
     ]

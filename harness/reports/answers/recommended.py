@@ -11,10 +11,10 @@ from harness.reports.answers import inferring, recommending, traps
 from harness.reports.answers.inferring import Inferred
 from harness.reports.answers.measured_cells import (
     PARTIAL,
-    Known,
+    CellResult,
     Query,
     case_works,
-    fitting,
+    find_fitting,
     is_silent,
     passed,
     ran,
@@ -72,57 +72,59 @@ class Recommended(msgspec.Struct, frozen=True, kw_only=True):
     next: str
 
 
-def recommended(
-    document: Mapping[str, Any], cells: Sequence[Known], query: Query, limit: int, next_: str
+def build_answer(
+    document: Mapping[str, Any], cells: Sequence[CellResult], query: Query, limit: int, next_: str
 ) -> Recommended:
     """Return everything that the measured cells say about a question; `limit` bounds the lists of combinations."""
-    found = recommending.combinations(document, cells, query)
-    found.sort(key=lambda one: bool(one.repaired or one.brought))  # what anybody can install goes first
-    together = None if found else apart(document, cells, query)
+    combinations = recommending.combinations(document, cells, query)
+    combinations.sort(
+        key=lambda combination: bool(combination.repaired or combination.brought)
+    )  # what anybody can install goes first
+    together = None if combinations else apart(document, cells, query)
     return Recommended(
         asked=tuple(one.text for one in query.wanted),
         python=query.python,
         needs=tuple(query.needs),
         env=query.env,
-        found=len(found),
-        measured=tuple(found[:limit]),
-        doubtful=tuple(_doubtful(document, cells, query, found)[:limit]),
-        partly=() if found else tuple(_partly(document, cells, query)[:limit]),
-        newer=tuple(_newer(document, cells, query, found)),
+        found=len(combinations),
+        measured=tuple(combinations[:limit]),
+        doubtful=tuple(_doubtful(document, cells, query, combinations)[:limit]),
+        partly=() if combinations else tuple(_partly(document, cells, query)[:limit]),
+        newer=tuple(_newer(document, cells, query, combinations)),
         apart=together,
-        inferred=() if found else tuple(inferring.inferred(cells, query)[:limit]),
-        red=tuple(traps.red(cells, query)),
-        nearby=None if found or together else _nearby(document, cells, query, limit),
+        inferred=() if combinations else tuple(inferring.infer(cells, query)[:limit]),
+        red=tuple(traps.find_traps(cells, query)),
+        nearby=None if combinations or together else _nearby(document, cells, query, limit),
         unknown=tuple(name for name in query.names if not any(one.version(name) for one in cells)),
         installed={name: releases for name in query.names if (releases := _only_installed(cells, name))},
         next=next_,
     )
 
 
-def _only_installed(cells: Sequence[Known], name: str) -> tuple[str, ...]:
+def _only_installed(cells: Sequence[CellResult], name: str) -> tuple[str, ...]:
     """Return the releases of a package that were only installed; empty if some cell is about the package."""
     return () if any(name in one.about for one in cells) else installed(cells, name)
 
 
 def _doubtful(
-    document: Mapping[str, Any], cells: Sequence[Known], query: Query, found: Sequence[Combination]
+    document: Mapping[str, Any], cells: Sequence[CellResult], query: Query, combinations: Sequence[Combination]
 ) -> list[Combination]:
     """Return combinations that work with a silent known issue left open, unless a plainly good one is newer."""
-    fits = [one for one in fitting(cells, query) if ran(one, query) and one.cell["verdict"] == "works"]
+    fits = [one for one in find_fitting(cells, query) if ran(one, query) and one.cell["verdict"] == "works"]
     open_ = [one for one in fits if passed(one, query) and any(map(is_silent, one.cell["unverified"]))]
-    made = recommending.combined(document, open_, query)
-    best = max((recommending.newness(one.versions.values()) for one in found), default=())
-    return [one for one in made if recommending.newness(one.versions.values()) >= best]
+    candidates = recommending.merge_results(document, open_, query)
+    best = max((recommending.newness(one.versions.values()) for one in combinations), default=())
+    return [one for one in candidates if recommending.newness(one.versions.values()) >= best]
 
 
-def _partly(document: Mapping[str, Any], cells: Sequence[Known], query: Query) -> list[Partly]:
+def _partly(document: Mapping[str, Any], cells: Sequence[CellResult], query: Query) -> list[Partly]:
     """Return combinations that work in part, newest first, each by the cell with the most working environments."""
-    fits = [one for one in fitting(cells, query) if ran(one, query) and one.cell["verdict"] in {PARTIAL, MISLEADS}]
+    fits = [one for one in find_fitting(cells, query) if ran(one, query) and one.cell["verdict"] in {PARTIAL, MISLEADS}]
     fits = [one for one in fits if some_work(one)]
-    made = []
-    for versions, found in recommending.grouped(fits, query):
-        best = max(found, key=lambda one: sum(map(case_works, one.cell["cases"])))
-        made.append(
+    entries = []
+    for versions, results in recommending.group_results(fits, query):
+        best = max(results, key=lambda result: sum(map(case_works, result.cell["cases"])))
+        entries.append(
             Partly(
                 combination=recommending.combination(document, versions, [best]),
                 verdict=best.cell["verdict"],
@@ -134,28 +136,28 @@ def _partly(document: Mapping[str, Any], cells: Sequence[Known], query: Query) -
                 },
             )
         )
-    return made
+    return entries
 
 
 def _newer(
-    document: Mapping[str, Any], cells: Sequence[Known], query: Query, found: Sequence[Combination]
+    document: Mapping[str, Any], cells: Sequence[CellResult], query: Query, combinations: Sequence[Combination]
 ) -> list[Combination]:
     """Return the newest combination on other Pythons, if it is newer and was not measured on the Python asked for."""
-    if query.python is None or not found:
+    if query.python is None or not combinations:
         return []
     anywhere = Query(wanted=query.wanted, needs=query.needs, env=query.env)
-    (best,), seen = recommending.combinations(document, cells, anywhere, limit=1), fitting(cells, query)
+    (best,), seen = recommending.combinations(document, cells, anywhere, limit=1), find_fitting(cells, query)
     newest = recommending.newness(best.versions.values())
-    if newest <= recommending.newness(found[0].versions.values()):
+    if newest <= recommending.newness(combinations[0].versions.values()):
         return []
     measured = any(tuple(one.version(name) for name in query.names) == tuple(best.versions.values()) for one in seen)
     return [] if measured else [best]
 
 
-def _nearby(document: Mapping[str, Any], cells: Sequence[Known], query: Query, limit: int) -> Nearby | None:
+def _nearby(document: Mapping[str, Any], cells: Sequence[CellResult], query: Query, limit: int) -> Nearby | None:
     """Return good combinations for the first relaxed question that has any, or None."""
-    for where, other in recommending.relaxed(query):
-        found = recommending.combinations(document, cells, other, limit=limit)
-        if found:
-            return Nearby(where=where, combinations=tuple(found))
+    for where, other in recommending.relax(query):
+        combinations = recommending.combinations(document, cells, other, limit=limit)
+        if combinations:
+            return Nearby(where=where, combinations=tuple(combinations))
     return None

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from harness.model import CASE_PHASES
-from harness.model.report_types import number, word
+from harness.model.report_types import format_count, word
 from harness.model.schema import suggestion
 from harness.reports.answers.never_together import Apart, Half
 from harness.reports.answers.recommended import Partly, Recommended
@@ -27,18 +27,18 @@ def lines(
     answer: Recommended, machines: Mapping[str, Any], names: Iterable[str], width: int, *, whole: bool
 ) -> list[str]:
     """Return the answer as wrapped lines; `whole` leaves nothing out."""
-    said = [*_answer(answer, machines, whole=whole), *_traps(answer, whole=whole), "", "next", *_next(answer)]
-    said = [*_unknown(answer, names), *said]
-    return [line for text in said for line in wrapped(text, width)]
+    paragraphs = [*_answer(answer, machines, whole=whole), *_traps(answer, whole=whole), "", "next", *_next(answer)]
+    paragraphs = [*_unknown(answer, names), *paragraphs]
+    return [line for text in paragraphs for line in wrapped(text, width)]
 
 
-def paste(one: Combination) -> str:
+def paste(combination: Combination) -> str:
     """Return a line to copy: requirements, with the Python and the variables to set as a comment."""
-    shown = {name: value for name, value in one.settings.items() if (name, value) != VIRTUAL}
-    minor = ".".join(one.python.split(".")[:2])
+    shown = {name: value for name, value in combination.settings.items() if (name, value) != VIRTUAL}
+    minor = ".".join(combination.python.split(".")[:2])
     notes = [f"Python {minor}", *(f"{name}={value}" for name, value in shown.items())]
-    notes += ["a display"] * (len(shown) < len(one.settings))
-    return f"{shlex.join(one.requirements)}  # {', '.join(notes)}"
+    notes += ["a display"] * (len(shown) < len(combination.settings))
+    return f"{shlex.join(combination.requirements)}  # {', '.join(notes)}"
 
 
 def wrapped(text: str, width: int) -> list[str]:
@@ -56,10 +56,11 @@ def _answer(answer: Recommended, machines: Mapping[str, Any], *, whole: bool) ->
     if answer.measured:
         first, *others = answer.measured
         yield from _first(first, machines, whole=whole)
-        for one in answer.newer:
-            minor = ".".join(one.python.split(".")[:2])
-            yield f"  {_versions(one.versions)} works on Python {minor}; on {answer.python} it was never measured:"
-            yield f"    {_try([f'{name}=={version}' for name, version in one.versions.items()], answer.python)}"
+        for combination in answer.newer:
+            minor = ".".join(combination.python.split(".")[:2])
+            versions = _versions(combination.versions)
+            yield f"  {versions} works on Python {minor}; on {answer.python} it was never measured:"
+            yield f"    {_try([f'{name}=={version}' for name, version in combination.versions.items()], answer.python)}"
         yield from _others(others, answer.found, machines, whole=whole)
         if answer.doubtful:
             yield ""
@@ -84,44 +85,51 @@ def _answer(answer: Recommended, machines: Mapping[str, Any], *, whole: bool) ->
         yield from (f"  {paste(one)}" for one in answer.nearby.combinations[: None if whole else FEW])
 
 
-def _first(one: Combination, machines: Mapping[str, Any], *, whole: bool) -> Iterator[str]:
+def _first(combination: Combination, machines: Mapping[str, Any], *, whole: bool) -> Iterator[str]:
     """Yield the combination to take, and the evidence for it."""
-    yield paste(one)
-    passed = ", ".join(phase for phase in CASE_PHASES if one.phases.get(phase) == "passed")
-    yield f"  passed {passed} in {_some(one.environments, whole=whole)}"
-    if one.unverified:
-        yield f"  not verified: {', '.join(one.unverified)}"
-    where = "; ".join(_machine(name, machines) for name in one.machines)
-    yield f"  measured {one.measured[:10]} on Python {', '.join(one.pythons)}; {where}"
-    if one.repaired:
-        yield f"  {', '.join(one.repaired)} needs a patched wheel, which no index has: --lock-out FILE writes it, too"
-    if one.brought:
-        yield f"  needs what no index has: {', '.join(one.brought)}"
-    more = f", and {len(one.cells) - 1} more" if len(one.cells) > 1 else ""
-    yield f"  simmatrix show {one.cell}{more and f'  #{more[1:]}'}"
+    yield paste(combination)
+    passed = ", ".join(phase for phase in CASE_PHASES if combination.phases.get(phase) == "passed")
+    yield f"  passed {passed} in {_some(combination.environments, whole=whole)}"
+    if combination.unverified:
+        yield f"  not verified: {', '.join(combination.unverified)}"
+    where = "; ".join(_machine(name, machines) for name in combination.machines)
+    yield f"  measured {combination.measured[:10]} on Python {', '.join(combination.pythons)}; {where}"
+    if combination.repaired:
+        patched = ", ".join(combination.repaired)
+        yield f"  {patched} needs a patched wheel, which no index has: --lock-out FILE writes it, too"
+    if combination.brought:
+        yield f"  needs what no index has: {', '.join(combination.brought)}"
+    more = f", and {len(combination.cells) - 1} more" if len(combination.cells) > 1 else ""
+    yield f"  simmatrix show {combination.cell}{more and f'  #{more[1:]}'}"
     if whole:
-        yield f"  lock {number(one.lock.count('=='), 'package')}, sha256 {one.lock_sha256[:16]}"
-        yield from (f"  {name} {' or '.join(held)}" for name, held in one.beside.items())
+        yield f"  lock {format_count(combination.lock.count('=='), 'package')}, sha256 {combination.lock_sha256[:16]}"
+        yield from (f"  {name} {' or '.join(held)}" for name, held in combination.beside.items())
 
 
-def _others(others: Sequence[Combination], found: int, machines: Mapping[str, Any], *, whole: bool) -> Iterator[str]:
+def _others(others: Sequence[Combination], total: int, machines: Mapping[str, Any], *, whole: bool) -> Iterator[str]:
     shown = others if whole else others[:FEW]
     if shown:
         yield ""
         yield "older or other combinations that work"
-    for one in shown:
-        yield from [f"  {line}" for line in _first(one, machines, whole=True)] if whole else [f"  {paste(one)}"]
-    if found - 1 > len(shown):
-        yield f"  and {found - 1 - len(shown)} more: --all"
+    for combination in shown:
+        yield from (
+            [f"  {line}" for line in _first(combination, machines, whole=True)]
+            if whole
+            else [f"  {paste(combination)}"]
+        )
+    if total - 1 > len(shown):
+        yield f"  and {total - 1 - len(shown)} more: --all"
 
 
-def _doubtful(found: Iterable[Combination]) -> Iterator[str]:
+def _doubtful(combinations: Iterable[Combination]) -> Iterator[str]:
     """Yield combinations that work but that a silent known issue fits."""
-    for one in found:
-        yield paste(one)
-        yield f"  it ran, but {', '.join(one.unverified)} fits it, and no check has shown or refuted that"
-        yield from (f"  simmatrix known {name.removeprefix('silent:')}" for name in one.unverified if ":" in name)
-        yield f"  simmatrix show {one.cell}"
+    for combination in combinations:
+        yield paste(combination)
+        yield f"  it ran, but {', '.join(combination.unverified)} fits it, and no check has shown or refuted that"
+        yield from (
+            f"  simmatrix known {name.removeprefix('silent:')}" for name in combination.unverified if ":" in name
+        )
+        yield f"  simmatrix show {combination.cell}"
 
 
 def _partly(part: Partly) -> Iterator[str]:
@@ -134,9 +142,9 @@ def _partly(part: Partly) -> Iterator[str]:
     yield f"  simmatrix show {part.combination.cell}"
 
 
-def _apart(found: Apart) -> Iterator[str]:
-    yield f"never measured together: {', '.join(' with '.join(half.packages) for half in found.halves)}"
-    for half in found.halves:
+def _apart(apart: Apart) -> Iterator[str]:
+    yield f"never measured together: {', '.join(' with '.join(half.packages) for half in apart.halves)}"
+    for half in apart.halves:
         yield f"  {_half(half)}"
 
 
@@ -160,30 +168,30 @@ def _unknown(answer: Recommended, names: Iterable[str]) -> Iterator[str]:
 
 
 def _traps(answer: Recommended, *, whole: bool) -> Iterator[str]:
-    told = {part.combination.cell for part in answer.partly[:1]}
-    reds = [one for one in answer.red if not told & {*one.cells}]
+    partly_cells = {part.combination.cell for part in answer.partly[:1]}
+    reds = [one for one in answer.red if not partly_cells & {*one.cells}]
     shown = reds if whole else reds[:FEW]
     if shown:
         yield ""
         yield "traps" if answer.measured or answer.partly else "measured, and does not work"
-    for one in shown:
-        yield from (f"  {line}" for line in _trap(one))
+    for trap in shown:
+        yield from (f"  {line}" for line in _trap(trap))
     if len(reds) > len(shown):
-        yield f"  and {number(len(reds) - len(shown), 'more cause')}: --all"
+        yield f"  and {format_count(len(reds) - len(shown), 'more cause')}: --all"
 
 
-def _trap(one: Red) -> Iterator[str]:
-    versions = "; ".join(_versions(held) for held in one.versions[:FEW])
-    more = f" and {len(one.versions) - FEW} more" if len(one.versions) > FEW else ""
-    how = " or ".join(word(verdict) for verdict in one.verdicts)
-    where = f" in {one.phase}" if one.phase and one.verdicts != ("unresolvable",) else ""
-    deciding = ", ".join(f"{name} {' or '.join(held[:FEW])}" for name, held in (one.deciding or one.beside).items())
-    deciding = deciding and f", {'with' if one.deciding else 'measured beside'} {deciding}"
-    pythons = "" if "Python" in one.deciding else f" on Python {', '.join(one.pythons)}"
+def _trap(trap: Red) -> Iterator[str]:
+    versions = "; ".join(_versions(held) for held in trap.versions[:FEW])
+    more = f" and {len(trap.versions) - FEW} more" if len(trap.versions) > FEW else ""
+    how = " or ".join(word(verdict) for verdict in trap.verdicts)
+    where = f" in {trap.phase}" if trap.phase and trap.verdicts != ("unresolvable",) else ""
+    deciding = ", ".join(f"{name} {' or '.join(held[:FEW])}" for name, held in (trap.deciding or trap.beside).items())
+    deciding = deciding and f", {'with' if trap.deciding else 'measured beside'} {deciding}"
+    pythons = "" if "Python" in trap.deciding else f" on Python {', '.join(trap.pythons)}"
     yield f"{versions}{more}{deciding}{pythons}: {how}{where}"
-    yield from (f"  {textwrap.shorten(text, LONGEST, placeholder=' ...')}" for text in (one.line, one.reason) if text)
-    yield from (f"  simmatrix known {name}" for name in one.causes)
-    yield f"  simmatrix show {one.cells[0]}"
+    yield from (f"  {textwrap.shorten(text, LONGEST, placeholder=' ...')}" for text in (trap.line, trap.reason) if text)
+    yield from (f"  simmatrix known {name}" for name in trap.causes)
+    yield f"  simmatrix show {trap.cells[0]}"
 
 
 # --- small words -----------------------------------------------------------------------------------------------

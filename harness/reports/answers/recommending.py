@@ -18,7 +18,7 @@ from packaging.version import Version
 from harness.model import CASE_PHASES
 from harness.model.vocabulary import settings
 from harness.reports.answers import digest
-from harness.reports.answers.measured_cells import PASSED, Known, Query, good
+from harness.reports.answers.measured_cells import PASSED, CellResult, Query, find_good
 
 Plain = Mapping[str, Any]
 
@@ -56,31 +56,35 @@ class Combination(msgspec.Struct, frozen=True, kw_only=True):
 # --- measured --------------------------------------------------------------------------------------------------
 
 
-def combinations(document: Plain, cells: Iterable[Known], query: Query, limit: int | None = None) -> list[Combination]:
+def combinations(
+    document: Plain, cells: Iterable[CellResult], query: Query, limit: int | None = None
+) -> list[Combination]:
     """Return the combinations that work, newest first; at most `limit`.
 
     They are compared by the packages in the order in which these were asked for.
     """
-    return combined(document, good(cells, query), query, limit)
+    return merge_results(document, find_good(cells, query), query, limit)
 
 
-def combined(document: Plain, found: Iterable[Known], query: Query, limit: int | None = None) -> list[Combination]:
+def merge_results(
+    document: Plain, results: Iterable[CellResult], query: Query, limit: int | None = None
+) -> list[Combination]:
     """Merge cells with equal versions of the packages asked for into combinations, newest first; at most `limit`."""
-    return [combination(document, versions, alike) for versions, alike in grouped(found, query)[:limit]]
+    return [combination(document, versions, alike) for versions, alike in group_results(results, query)[:limit]]
 
 
-def grouped(found: Iterable[Known], query: Query) -> list[tuple[dict[str, str], list[Known]]]:
+def group_results(results: Iterable[CellResult], query: Query) -> list[tuple[dict[str, str], list[CellResult]]]:
     """Group cells by their versions of the packages asked for, newest first."""
-    groups: dict[tuple[str, ...], list[Known]] = {}
-    for one in found:
-        groups.setdefault(tuple(str(one.version(name)) for name in query.names), []).append(one)
+    groups: dict[tuple[str, ...], list[CellResult]] = {}
+    for result in results:
+        groups.setdefault(tuple(str(result.version(name)) for name in query.names), []).append(result)
     ordered = sorted(groups.items(), key=lambda group: newness(group[0]), reverse=True)
     return [(dict(zip(query.names, versions, strict=True)), cells) for versions, cells in ordered]
 
 
-def newest(cells: Iterable[Known], query: Query) -> list[Known]:
+def newest(cells: Iterable[CellResult], query: Query) -> list[CellResult]:
     """Return the good cells of the newest combination."""
-    groups = grouped(good(cells, query), query)
+    groups = group_results(find_good(cells, query), query)
     return groups[0][1] if groups else []
 
 
@@ -89,18 +93,18 @@ def newness(versions: Iterable[str]) -> tuple[Version, ...]:
     return tuple(Version(version) for version in versions)
 
 
-def combination(document: Plain, versions: dict[str, str], found: Sequence[Known]) -> Combination:
+def combination(document: Plain, versions: dict[str, str], results: Sequence[CellResult]) -> Combination:
     """Merge cells with the same versions of the packages asked for into one combination."""
-    best = max(found, key=_merit)
+    best = max(results, key=_merit)
     cell = best.cell
-    alike = [one for one in found if _plainness(one) == _plainness(best)]
+    alike = [one for one in results if _plainness(one) == _plainness(best)]
     needed = tuple(settings(cell["supplied"], best.pins))
     return Combination(
         versions=versions,
-        pythons=tuple(sorted({one.python for one in found}, key=Version, reverse=True)),
-        machines=tuple(sorted({one.cell["machine"] for one in found})),
-        measured=max(one.cell["measured"] for one in found),
-        cells=tuple(one.cell["id"] for one in found),
+        pythons=tuple(sorted({one.python for one in results}, key=Version, reverse=True)),
+        machines=tuple(sorted({one.cell["machine"] for one in results})),
+        measured=max(one.cell["measured"] for one in results),
+        cells=tuple(one.cell["id"] for one in results),
         beside=beside(alike, best, versions),
         cell=cell["id"],
         machine=cell["machine"],
@@ -113,20 +117,20 @@ def combination(document: Plain, versions: dict[str, str], found: Sequence[Known
         brought=tuple(cell.get("brought", ())),
         lock_sha256=cell["lock"],
         lock=digest.lock_text(document, cell["lock"]),
-        requirements=tuple(pinned(best, versions)),
+        requirements=tuple(pin_requirements(best, versions)),
     )
 
 
-def pinned(one: Known, asked: Iterable[str]) -> Iterator[str]:
+def pin_requirements(result: CellResult, packages: Iterable[str]) -> Iterator[str]:
     """Yield the requirements to install for a cell.
 
     These are the packages asked for, the others that the cell names, and the numpy that they share, all pinned.
     """
     extras: dict[str, set[str]] = {}
-    for each in one.requirements:
+    for each in result.requirements:
         extras.setdefault(canonicalize_name(each.name), set()).update(each.extras)
-    for name in dict.fromkeys((*asked, *extras, *one.chosen, *({NUMPY} & one.exercised))):
-        version = one.version(name)
+    for name in dict.fromkeys((*packages, *extras, *result.chosen, *({NUMPY} & result.exercised))):
+        version = result.version(name)
         if version:
             extra = f"[{','.join(sorted(extras[name]))}]" if extras.get(name) else ""
             yield f"{name}{extra}=={public(version)}"
@@ -137,38 +141,38 @@ def public(version: str) -> str:
     return version.partition("+")[0]
 
 
-def beside(found: Iterable[Known], one: Known, asked: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Return the versions in these cells of the other packages that the matrix of `one` chose."""
-    names = [name for name in one.chosen if name not in {*asked}]
-    held = {name: {other.chosen[name] for other in found if name in other.chosen} for name in names}
+def beside(results: Iterable[CellResult], result: CellResult, packages: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return the versions in these cells of the other packages that the matrix of `result` chose."""
+    names = [name for name in result.chosen if name not in {*packages}]
+    held = {name: {other.chosen[name] for other in results if name in other.chosen} for name in names}
     return {name: tuple(sorted(versions, key=Version, reverse=True)) for name, versions in held.items()}
 
 
-def _plainness(one: Known) -> tuple[bool, ...]:
+def _plainness(result: CellResult) -> tuple[bool, ...]:
     """Return whether a cell needs nothing unusual, one flag each: repairs, folders brought, variables, a change."""
-    return not one.cell["repairs"], not one.cell.get("brought"), not one.variables, not one.cell.get("base")
+    return not result.cell["repairs"], not result.cell.get("brought"), not result.variables, not result.cell.get("base")
 
 
-def _merit(one: Known) -> tuple[Any, ...]:
+def _merit(result: CellResult) -> tuple[Any, ...]:
     """Return a sort key for the cell that best represents equal ones.
 
     The greatest is plain, well verified, with few other packages, and on the newest Python.
     """
-    verified = sum(one.cell["phases"].get(phase) == PASSED for phase in CASE_PHASES)
+    verified = sum(result.cell["phases"].get(phase) == PASSED for phase in CASE_PHASES)
     return (
-        _plainness(one),
-        verified - len(one.cell["unverified"]),
-        -len(one.chosen),
-        Version(one.python),
-        newness(one.chosen[name] for name in sorted(one.chosen)),
-        one.cell["measured"],
+        _plainness(result),
+        verified - len(result.cell["unverified"]),
+        -len(result.chosen),
+        Version(result.python),
+        newness(result.chosen[name] for name in sorted(result.chosen)),
+        result.cell["measured"],
     )
 
 
 # --- nothing known ---------------------------------------------------------------------------------------------
 
 
-def relaxed(query: Query) -> Iterator[tuple[str, Query]]:
+def relax(query: Query) -> Iterator[tuple[str, Query]]:
     """Yield less strict questions, each with its description in words, the least change first."""
     if query.needs:
         yield f"where nothing is said of {' and '.join(query.needs)}", replace(query, needs=())

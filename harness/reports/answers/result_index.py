@@ -36,19 +36,19 @@ NAME = "report.json"
 def load() -> dict[str, Any]:
     """Return all results. If a cell was measured twice on one machine, the newer result counts. Raises BadInput."""
     more = [*map(_report, files_of_others()), *_own()]
-    return digest.combined([digest.again(shipped()), *more]) if more else shipped()
+    return digest.combined([digest.to_layer(load_shipped()), *more]) if more else load_shipped()
 
 
-def shipped() -> dict[str, Any]:
+def load_shipped() -> dict[str, Any]:
     """Return the results that come with the harness; a checkout distils them once for each state of its reports."""
     if PACKED.is_file():
         content = gzip.decompress(PACKED.read_bytes())
     else:
         files = [*report_files(), Path(digest.__file__), Path(counting.__file__), Path(cellid.__file__)]
         marks = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
-        content = store.remembered("distilled", repr(marks), _distilled, msgspec.json.decode)
-    found: dict[str, Any] = msgspec.json.decode(content)
-    return found
+        content = store.load_or_make("distilled", repr(marks), _distilled, msgspec.json.decode)
+    document: dict[str, Any] = msgspec.json.decode(content)
+    return document
 
 
 def _distilled() -> bytes:
@@ -64,11 +64,11 @@ def files_of_others() -> list[Path]:
     """Return the report files in the folders that `HARNESS_RESULTS` names. Raises BadInput."""
     files: list[Path] = []
     for folder in (Path(name) for name in os.environ.get(VARIABLE, "").split(os.pathsep) if name):
-        found = sorted({*folder.glob(NAME), *folder.glob(f"*/{NAME}")})
-        if not found:
+        reports = sorted({*folder.glob(NAME), *folder.glob(f"*/{NAME}")})
+        if not reports:
             message = f"{folder}: has no {NAME}, nor has a folder in it; {VARIABLE} names folders of reports"
             raise BadInput(message)
-        files += found
+        files += reports
     return files
 
 
@@ -85,15 +85,17 @@ def _report(path: Path) -> Layer:
 def _renamed(cells: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return the cells of a report with ids in today's format."""
     names = {
-        cell["id"]: cellid.newer(cell["id"], cell["axes"], cell["requested_python"] if cell.get("base") else None)
+        cell["id"]: cellid.to_current_form(
+            cell["id"], cell["axes"], cell["requested_python"] if cell.get("base") else None
+        )
         for cell in cells
     }
     for cell in cells:
         cell["id"] = names[cell["id"]]
         if cell.get("base"):
-            cell["base"] = cellid.newer(cell["base"], cell["axes"])
-        for one in cell["diagnoses"]:
-            one["proof"] = names.get(one.get("proof"), one.get("proof"))
+            cell["base"] = cellid.to_current_form(cell["base"], cell["axes"])
+        for diagnosis in cell["diagnoses"]:
+            diagnosis["proof"] = names.get(diagnosis.get("proof"), diagnosis.get("proof"))
     return cells
 
 
@@ -115,5 +117,5 @@ def _own() -> Iterator[Layer]:
     records = [record for record in opened.cells() if record.measured]
     planned = Plan(matrix="", cells=tuple({record.cell.id: record.cell for record in records}.values()), axes=())
     machines: Mapping[str, Mapping[str, Any]] = {one.machine: opened.load_machine(one.machine) for one in records}
-    made = document.build(records, [planned], machines, store.now(), known=shipped_signatures.beside(opened.folder))
-    yield digest.layer(json.loads(document.encode(made)), partial(_text, opened.folder))
+    report = document.build(records, [planned], machines, store.now(), known=shipped_signatures.beside(opened.folder))
+    yield digest.layer(json.loads(document.encode(report)), partial(_text, opened.folder))

@@ -35,8 +35,8 @@ def names() -> list[str]:
 def path(name: str) -> Path | None:
     """Return the `report.json` of a report, or None if no report has this name."""
     files = [*result_index.files_of_others(), *result_index.report_files()]
-    found = next((file for file in files if file.parent.name == name), None)
-    return found or _unpacked(name)
+    report_file = next((file for file in files if file.parent.name == name), None)
+    return report_file or _unpacked(name)
 
 
 @cache
@@ -46,7 +46,7 @@ def load(name: str) -> tuple[Document, Path] | None:
     return (document.read(given_files.read_content(file), str(file)), file) if file else None
 
 
-def every() -> Iterator[tuple[Document, Path]]:
+def load_all() -> Iterator[tuple[Document, Path]]:
     """Yield every report and its file."""
     yield from filter(None, map(load, names()))
 

@@ -30,12 +30,12 @@ def answer(judged: Assessed) -> str:
         return f"unavailable: {judged.decisive}"
     if judged.verdict is Verdict.NOT_RUN and record.installed is not None:
         return "\n".join(_not_run(judged))
-    names = _versions(record, _named(judged)) if record.installed is not None else ""
-    line = f"{word(judged.verdict)}: {f'{names}: ' if names else ''}{_tried(judged)}"
+    names = _versions(record, _select_packages(judged)) if record.installed is not None else ""
+    line = f"{word(judged.verdict)}: {f'{names}: ' if names else ''}{_describe_phases(judged)}"
     if judged.verdict is Verdict.WORKS:
         return line
-    told = (line for one in judged.diagnoses[:1] for line in _known(one.signature))
-    why = (judged.decisive or "no line says why", *told)
+    cause_lines = (line for one in judged.diagnoses[:1] for line in _describe_failure(one.signature))
+    why = (judged.decisive or "no line says why", *cause_lines)
     missed = idle(record)
     other = (f"of {' and '.join(missed)} nothing was run",) if missed else ()
     return "\n".join((line, *why, *other, f"next: simmatrix show {shlex.quote(record.cell.id)}"))
@@ -50,12 +50,12 @@ def _not_run(judged: Assessed) -> Iterable[str]:
     if missed:
         ran = [name for name in record.cell.asked if name not in missed]
         also = f"; {_versions(record, ran)}: " if ran else "; "
-        yield f"not run: {judged.decisive}{also}{_tried(judged)}"
-        yield f"next: {_typed(record, missed)}"
+        yield f"not run: {judged.decisive}{also}{_describe_phases(judged)}"
+        yield f"next: {_write_command(record, missed)}"
         return
     where = f" on Python {record.python}" if record.python else ""
     tested = f": {judged.decisive}" if judged.decisive and judged.decisive != ONLY_IMPORT else ""
-    names = _versions(record, _named(judged)) or "nothing"
+    names = _versions(record, _select_packages(judged)) or "nothing"
     yield f"not run: {names} was only imported{where}{tested}; no environment was run"
     if lacking(record):
         yield f"next: {OWN}"
@@ -73,13 +73,13 @@ def _not_run(judged: Assessed) -> Iterable[str]:
         yield f"it registers with {library}: {', '.join(ids[:MOST_IDS])}{more}"
     library, ids = next(iter(offers.items()))
     needed = () if library in (record.installed or {}) else (library,)
-    yield f"next: {_typed(record, needed, ids[0], all_of_it=True)}"
+    yield f"next: {_write_command(record, needed, ids[0], all_of_it=True)}"
 
 
-def _typed(record: CellRecord, names: Sequence[str], env: str | None = None, *, all_of_it: bool = False) -> str:
+def _write_command(record: CellRecord, names: Sequence[str], env: str | None = None, *, all_of_it: bool = False) -> str:
     """Return the command that tries these packages, alone or with everything that was asked for."""
-    asked = record.cell.question.requirements
-    texts = [text for text in asked if all_of_it or required_name(text) in names]
+    requirements = record.cell.question.requirements
+    texts = [text for text in requirements if all_of_it or required_name(text) in names]
     words = ["simmatrix", "try", *texts, *(name for name in names if name not in map(required_name, texts))]
     return shlex.join([*words, "--python", record.cell.python, *(["--env", env] if env else [])])
 
@@ -87,28 +87,28 @@ def _typed(record: CellRecord, names: Sequence[str], env: str | None = None, *, 
 # --- what was run ----------------------------------------------------------------------------------------------
 
 
-def _named(judged: Assessed) -> list[str]:
+def _select_packages(judged: Assessed) -> list[str]:
     """Return the packages for the first words: those asked for that were run; all of them if nothing was run."""
     record = judged.record
-    asked = list(record.cell.asked) or list(dict.fromkeys(map(required_name, record.cell.question.requirements)))
+    names = list(record.cell.asked) or list(dict.fromkeys(map(required_name, record.cell.question.requirements)))
     ran = exercised(record)
-    return [name for name in asked if name in ran] if ran and judged.verdict is not Verdict.NOT_RUN else asked
+    return [name for name in names if name in ran] if ran and judged.verdict is not Verdict.NOT_RUN else names
 
 
 def _versions(record: CellRecord, names: Sequence[str]) -> str:
     installed = record.installed or {}
-    told = [f"{name} {installed[name]}" if name in installed else name for name in names[:MOST_NAMES] if name != SELF]
-    return ", ".join(told) + (f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else "")
+    parts = [f"{name} {installed[name]}" if name in installed else name for name in names[:MOST_NAMES] if name != SELF]
+    return ", ".join(parts) + (f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else "")
 
 
-def _known(failure: Signature) -> Iterable[str]:
+def _describe_failure(failure: Signature) -> Iterable[str]:
     """Yield cause, remedy and a reference of a known failure; a mask is shown as hiding the cause."""
     yield f"{'hides why' if failure.masks else 'cause'}: {failure.cause}"
     yield f"remedy: {changes.in_words(failure.remedy.plain)}"
     yield from (f"see: {reference}" for reference in failure.references[:1])
 
 
-def _tried(judged: Assessed) -> str:
+def _describe_phases(judged: Assessed) -> str:
     """Name the phases that passed, never more than these, and their tasks; then the failed phase, and notes."""
     record = judged.record
     passed = {case.case: tuple(p.phase for p in case.phases if p.outcome is Outcome.PASSED) for case in record.cases}
@@ -123,8 +123,8 @@ def _tried(judged: Assessed) -> str:
     elif judged.phase and judged.verdict is not Verdict.WORKS:
         failed = [_name(case) for case in record.cases if _ended(case, judged.phase) is judged.phases[judged.phase]]
         ended = judged.phases[judged.phase]
-        told = "could not be told" if ended is Outcome.INFRA else word(ended)
-        parts.append(f"{judged.phase} {told}" + (f" of {' and '.join(failed)}" if failed else ""))
+        outcome = "could not be told" if ended is Outcome.INFRA else word(ended)
+        parts.append(f"{judged.phase} {outcome}" + (f" of {' and '.join(failed)}" if failed else ""))
     where = f" on Python {record.python}" if record.python else ""
     tried = "; ".join(parts or ["nothing was tried"]) + where
     mended = [f"repaired: {overlay_recipes.described(one)}" for one in record.repairs]
@@ -161,8 +161,8 @@ def _undrawn(record: CellRecord) -> Iterable[str]:
 def _skipped(record: CellRecord) -> Iterable[str]:
     """Yield each phase that does not apply to an environment, with the reason."""
     phases = (phase for case in record.cases for phase in case.phases if phase.outcome is Outcome.SKIPPED)
-    told = {phase.phase: reason(phase) for phase in phases if phase.phase in {Phase.VECTOR, Phase.RENDER}}
-    yield from (f"{name} does not apply: {why}" for name, why in told.items() if why)
+    reasons = {phase.phase: reason(phase) for phase in phases if phase.phase in {Phase.VECTOR, Phase.RENDER}}
+    yield from (f"{name} does not apply: {why}" for name, why in reasons.items() if why)
 
 
 def _name(case: CaseRecord) -> str:
@@ -174,5 +174,5 @@ def _ended(case: CaseRecord, phase: Phase) -> Outcome | None:
 
 
 def _why(record: CellRecord, phase: Phase) -> str:
-    told = (p.decisive for case in record.cases for p in case.phases if p.phase is phase and p.decisive)
-    return next(told, "it was not reached")
+    lines = (p.decisive for case in record.cases for p in case.phases if p.phase is phase and p.decisive)
+    return next(lines, "it was not reached")

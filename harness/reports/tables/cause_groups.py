@@ -11,7 +11,7 @@ from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
 from harness.model import cellid
-from harness.model.report_types import REPAIR, SEVERITY, CellEntry, number
+from harness.model.report_types import REPAIR, SEVERITY, CellEntry, format_count
 from harness.model.vocabulary import CHANGING, parsed_requirement
 from harness.reports.tables import change_effects, verdict_reasons
 from harness.reports.tables.counted_failures import counted
@@ -35,15 +35,15 @@ def troubles(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[Trouble, 
     A cause is a known failure, else the reason that the matrix gives, else the decisive line.
     """
     groups: dict[tuple[str, ...], list[Reason]] = {}
-    for why, found in verdict_reasons.reasons(cells):
-        groups.setdefault(_cause(why, found[0]), []).append((why, found))
+    for why, results in verdict_reasons.reasons(cells):
+        groups.setdefault(_cause(why, results[0]), []).append((why, results))
     for key in [key for key in groups if key[0] == LINE]:
-        told = [
+        matches = [
             other for other, held in groups.items() if other[0] == SAID and any(_line(why) == key for why, _ in held)
         ]
-        if len(told) == 1:  # the matrix speaks of this line elsewhere, and of one cause
-            groups[told[0]] += groups.pop(key)
-    return tuple(sorted((_trouble(held, cells, axes) for held in groups.values()), key=lambda one: -one.cells))
+        if len(matches) == 1:  # the matrix speaks of this line elsewhere, and of one cause
+            groups[matches[0]] += groups.pop(key)
+    return tuple(sorted((_trouble(held, cells, axes) for held in groups.values()), key=lambda trouble: -trouble.cells))
 
 
 def _cause(why: Explanation, cell: CellEntry) -> tuple[str, ...]:
@@ -61,28 +61,28 @@ def _line(why: Explanation) -> tuple[str, ...]:
 
 def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequence[str]) -> Trouble:
     explanations = tuple(why for why, _ in reasons)
-    found = [cell for _, results in reasons for cell in results]
-    known = next((why.causes[0] for why in explanations if why.causes), None)
-    expected = next((cell.expectation for cell in found if cell.as_expected and cell.expectation), None)
-    verdicts = Counter(cell.verdict for cell in found)
+    group = [cell for _, results in reasons for cell in results]
+    failure = next((why.causes[0] for why in explanations if why.causes), None)
+    expected = next((cell.expectation for cell in group if cell.as_expected and cell.expectation), None)
+    verdicts = Counter(cell.verdict for cell in group)
     links = (why.link for why in explanations if why.link)
     proofs = tuple(dict.fromkeys(proof for why in explanations for one in why.causes[:1] for proof in one.proofs))
-    proven = {cell.id for cell in found if (held := counted(cell)) and held[0].proof}
-    cures = _cures(found, cells)
+    proven = {cell.id for cell in group if (held := counted(cell)) and held[0].proof}
+    cures = _cures(group, cells)
     found_out = bool(cures) and not proven
-    alone, together = ("", "") if proofs or cures else _neighbours(found, cells)
+    alone, together = ("", "") if proofs or cures else _neighbours(group, cells)
     return Trouble(
-        known=known.signature if known else "",
-        cause=known.cause if known else expected.reason if expected else "",
+        known=failure.signature if failure else "",
+        cause=failure.cause if failure else expected.reason if expected else "",
         verdicts=tuple((verdict, verdicts[verdict]) for verdict in SEVERITY if verdicts[verdict]),
         phases=tuple(dict.fromkeys(why.phase for why in explanations if why.phase)),
-        cells=len({cell.id for cell in found}),
-        where=_named([label for why in explanations for label in why.cells]) or where(found, cells, axes),
+        cells=len({cell.id for cell in group}),
+        where=_named([label for why in explanations for label in why.cells]) or where(group, cells, axes),
         line=explanations[0].decisive,
-        remedy="; ".join(cures[0].change.does) if found_out and cures[0].change else known.remedy if known else "",
-        applicable=found_out or (known.applicable if known else False),
+        remedy="; ".join(cures[0].change.does) if found_out and cures[0].change else failure.remedy if failure else "",
+        applicable=found_out or (failure.applicable if failure else False),
         proofs=tuple((cellid.label(cell.id), cell.lock or "") for cell in cures) if found_out else proofs,
-        references=tuple(dict.fromkeys((*(known.references if known else ()), *links))),
+        references=tuple(dict.fromkeys((*(failure.references if failure else ()), *links))),
         explanations=explanations,
         proven=len({cell.base for cell in cures} if found_out else proven),
         neighbour=alone,
@@ -91,9 +91,9 @@ def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequen
     )
 
 
-def _cures(found: Iterable[CellEntry], cells: Iterable[CellEntry]) -> list[CellEntry]:
+def _cures(group: Iterable[CellEntry], cells: Iterable[CellEntry]) -> list[CellEntry]:
     """Return the cells that `run --repair` made of these and that work: each proves the remedy that it found."""
-    places = {(cell.id, cell.machine) for cell in found}
+    places = {(cell.id, cell.machine) for cell in group}
     return [
         cell
         for cell in cells
@@ -102,14 +102,14 @@ def _cures(found: Iterable[CellEntry], cells: Iterable[CellEntry]) -> list[CellE
     ]
 
 
-def _neighbours(found: Iterable[CellEntry], cells: Sequence[CellEntry]) -> tuple[str, str]:
+def _neighbours(group: Iterable[CellEntry], cells: Sequence[CellEntry]) -> tuple[str, str]:
     """Return the labels of two working cells that have the versions that the remedy of these asks for.
 
     The first differs from one of these cells only in that, the second in more. Each is empty if there is none.
     """
     alone: list[tuple[Version, str]] = []
     together: list[tuple[Version, str]] = []
-    for cell in found:
+    for cell in group:
         wanted = _wanted(next((one.remedy for one in counted(cell)), {}))
         beside = (one for one in cells if wanted and one.base is None and one.machine == cell.machine)
         for other in beside:
@@ -140,11 +140,11 @@ def _has(installed: Mapping[str, str], wanted: Requirement) -> bool:
 
 def _also(explanations: Iterable[Explanation]) -> Iterable[Cause]:
     """Return the known failures that fit some of the cells after the deepest cause, once each."""
-    found: dict[str, Cause] = {}
-    for one in (one for why in explanations for one in why.causes[1:]):
-        before = found.get(one.signature)
-        found[one.signature] = one if before is None or (one.proofs and not before.proofs) else before
-    return found.values()
+    causes: dict[str, Cause] = {}
+    for cause in (one for why in explanations for one in why.causes[1:]):
+        before = causes.get(cause.signature)
+        causes[cause.signature] = cause if before is None or (cause.proofs and not before.proofs) else before
+    return causes.values()
 
 
 # --- which cells -----------------------------------------------------------------------------------------------
@@ -155,34 +155,41 @@ def _named(labels: Sequence[str]) -> str:
     return ", ".join("`" + label.replace(" on ", "` on `") + "`" for label in labels) if len(labels) <= NAMED else ""
 
 
-def which(found: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
+def which(group: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
     """Describe these cells: a few by their names, more by the values of their axes."""
-    return _named([*dict.fromkeys(cellid.label(cell.id) for cell in found)]) or where(found, cells, axes)
+    return _named([*dict.fromkeys(cellid.label(cell.id) for cell in group)]) or where(group, cells, axes)
 
 
-def where(found: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
+def where(group: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
     """Describe these cells of a matrix: `all 12 cells with mujoco 4.0.0`; of changed cells the first names."""
-    labels = tuple(dict.fromkeys(cellid.label(cell.id) for cell in found))
-    if any(cell.base for cell in found):
-        return f"{_named(labels[:NAMED])} and {number(len(labels) - NAMED, 'more cell')}"
+    labels = tuple(dict.fromkeys(cellid.label(cell.id) for cell in group))
+    if any(cell.base for cell in group):
+        return f"{_named(labels[:NAMED])} and {format_count(len(labels) - NAMED, 'more cell')}"
     planned = [*{cell.id: cell.axes for cell in cells if cell.base is None}.values()]
-    held = {axis: {cell.axes.get(axis) for cell in found} for axis in axes}
+    held = {axis: {cell.axes.get(axis) for cell in group} for axis in axes}
     every = {axis: in_order(value for one in planned if (value := one.get(axis))) for axis in axes}
-    told = _telling([axis for axis in axes if held[axis] < {*every[axis]}], held, planned)
-    words = [f"{axis} {_values([value for value in every[axis] if value in held[axis]], every[axis])}" for axis in told]
-    inside = len(_inside(told, held, planned))
-    count = f"all {number(inside, 'cell')}" if inside == len(labels) else f"{len(labels)} of {number(inside, 'cell')}"
+    needed_axes = _telling([axis for axis in axes if held[axis] < {*every[axis]}], held, planned)
+    words = [
+        f"{axis} {_values([value for value in every[axis] if value in held[axis]], every[axis])}"
+        for axis in needed_axes
+    ]
+    inside = len(_inside(needed_axes, held, planned))
+    count = (
+        f"all {format_count(inside, 'cell')}"
+        if inside == len(labels)
+        else f"{len(labels)} of {format_count(inside, 'cell')}"
+    )
     return count + (f" with {', '.join(words)}" if words else "")
 
 
 def _telling(axes: Sequence[str], held: Held, planned: Sequence[Mapping[str, str]]) -> list[str]:
     """Return the axes that are needed to describe the cells; redundant axes with most values are dropped first."""
-    told = list(axes)
+    needed = list(axes)
     for axis in sorted(axes, key=lambda axis: -len(held[axis])):
-        fewer = [one for one in told if one != axis]
-        if len(_inside(fewer, held, planned)) == len(_inside(told, held, planned)):
-            told = fewer
-    return told
+        fewer = [one for one in needed if one != axis]
+        if len(_inside(fewer, held, planned)) == len(_inside(needed, held, planned)):
+            needed = fewer
+    return needed
 
 
 def _inside(axes: Iterable[str], held: Held, planned: Iterable[Mapping[str, str]]) -> list[Mapping[str, str]]:

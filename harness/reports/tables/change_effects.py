@@ -38,30 +38,30 @@ def works(cell: CellEntry) -> bool:
 
 def _failed(cell: CellEntry) -> set[tuple[str, str]]:
     """Return the failed checks by case; without any, the failed phases (steps of the host) under an empty case."""
-    found = {(case.case, check) for case in cell.cases for check, how in case.checks.items() if how in FAILING}
-    return found | {("", phase) for phase, how in cell.phases.items() if how in FAILING and not found}
+    failed_checks = {(case.case, check) for case in cell.cases for check, how in case.checks.items() if how in FAILING}
+    return failed_checks | {("", phase) for phase, how in cell.phases.items() if how in FAILING and not failed_checks}
 
 
-def proven(cells: Iterable[CellEntry]) -> tuple[CellEntry, ...]:
+def mark_proven(cells: Iterable[CellEntry]) -> tuple[CellEntry, ...]:
     """Return the cells with the proven remedies marked.
 
     A remedy is proven if the cell that it makes of this one was measured on the same machine, too, and works.
     """
-    found = tuple(cells)
+    entries = tuple(cells)
     cured = {
         (cell.base, cell.machine, name): cell.id
-        for cell in found
+        for cell in entries
         if cell.change and works(cell)
         for name in cell.change.remedy_of
     }
 
-    def judged(cell: CellEntry, one: DiagnosisEntry) -> DiagnosisEntry:
-        proof = cured.get((cell.id, cell.machine, one.signature))
-        return msgspec.structs.replace(one, proven=proof is not None, proof=proof)
+    def judged(cell: CellEntry, diagnosis: DiagnosisEntry) -> DiagnosisEntry:
+        proof = cured.get((cell.id, cell.machine, diagnosis.signature))
+        return msgspec.structs.replace(diagnosis, proven=proof is not None, proof=proof)
 
     return tuple(
         msgspec.structs.replace(cell, diagnoses=tuple(judged(cell, one) for one in cell.diagnoses))
         if cell.diagnoses
         else cell
-        for cell in found
+        for cell in entries
     )

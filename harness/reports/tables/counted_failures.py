@@ -13,7 +13,7 @@ from harness.standalone.counting import Fit
 
 def counted(cell: CellEntry) -> tuple[DiagnosisEntry, ...]:
     """Return the known failures that count in a cell, the deepest cause first."""
-    return counting.counting(_fits(cell))
+    return counting.select_counting(_fits(cell))
 
 
 def nameable(cell: CellEntry) -> tuple[str, ...]:
@@ -26,13 +26,13 @@ def failure(cell: CellEntry) -> Failure | None:
     return identity.failure(cell, (one.signature for one in counted(cell)))
 
 
-def said(cell: CellEntry) -> list[str]:
+def collect_reasons(cell: CellEntry) -> list[str]:
     """Return the lines that say why a cell and its checks ended as they did."""
     return [cell.decisive or "", *(line for case in cell.cases for line in case.reasons.values())]
 
 
 def _fits(cell: CellEntry) -> Iterator[Fit]:
-    lines = said(cell)
-    for one in cell.diagnoses:
-        says = counting.says(one.seen, lines)
-        yield Fit(known=one, masks=one.masks, generic=one.generic, seen=one.seen, says=says)
+    lines = collect_reasons(cell)
+    for diagnosis in cell.diagnoses:
+        says = counting.is_stated(diagnosis.seen, lines)
+        yield Fit(known=diagnosis, masks=diagnosis.masks, generic=diagnosis.generic, seen=diagnosis.seen, says=says)

@@ -149,12 +149,12 @@ def _minor(cell: CellEntry) -> str:
     return ".".join(cell.python.split(".")[:2]) if cell.python else cell.requested_python
 
 
-def _differences(groups: Sequence[Sequence[CellEntry]], known: set[str]) -> list[tuple[str, ...]]:
+def _differences(groups: Sequence[Sequence[CellEntry]], shown_axes: set[str]) -> list[tuple[str, ...]]:
     """Return the axis values by which each group differs from the others; empty if only Python does."""
     if len(groups) < 2:
         return [() for _ in groups]
     values = [{axis: {cell.axes.get(axis, NOTHING) for cell in group} for axis in group[0].axes} for group in groups]
-    axes = [axis for axis in values[0] if axis not in known]
+    axes = [axis for axis in values[0] if axis not in shown_axes]
     telling = [axis for axis in axes if _apart([one.get(axis, set()) for one in values])]
     if not telling and not _apart([one.get("python", set()) for one in values]):
         telling = [axis for axis in axes if len({frozenset(one.get(axis, set())) for one in values}) > 1]

@@ -17,14 +17,14 @@ def tests(cell: CellEntry) -> str:
     if suite is None:
         return ""
     if not suite.total:
-        known = _known(suite)
+        issue = _find_issue(suite)
         words = "could not run" if suite.not_run else word(suite.outcome)
-        return f"{words}: {known}" if known else words
+        return f"{words}: {issue}" if issue else words
     bad = sum(suite.tests.get(how, 0) for how in ("failed", "error"))
     return f"{suite.tests.get('passed', 0)} of {suite.total} passed" + (f", {bad} failed" if bad else "")
 
 
-def _known(suite: SuiteEntry) -> str:
+def _find_issue(suite: SuiteEntry) -> str:
     return next((one.signature for one in suite.diagnoses or ()), "")
 
 
@@ -42,7 +42,7 @@ def changes(cells: Sequence[CellEntry], axes: Sequence[str]) -> Iterator[SuiteCh
             cell=cellid.label(cell.id),
             tests=tests(cell),
             decisive=suite.decisive or "",
-            known=_known(suite),
+            known=_find_issue(suite),
             neighbour=cellid.label(other.id) if other else "",
             fails=tuple(sorted(here - there)),
             passes=tuple(sorted(there - here)),

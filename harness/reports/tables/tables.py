@@ -47,8 +47,10 @@ def report(document: Document, pivot: tuple[str, str] | None = None) -> Report:
 def check_pivot(pivot: Sequence[str] | None, axes: Sequence[Sequence[str]]) -> None:
     """Refuse two names that are not axes of one matrix; `axes` has those of each matrix. Raises BadInput."""
     if pivot and not any(set(pivot) <= set(names) for names in axes):
-        known = sorted({name for names in axes for name in names})
-        message = f"--pivot {' '.join(pivot)}: takes two axes of one matrix; known here: {', '.join(known) or 'none'}"
+        valid_axes = sorted({name for names in axes for name in names})
+        message = (
+            f"--pivot {' '.join(pivot)}: takes two axes of one matrix; known here: {', '.join(valid_axes) or 'none'}"
+        )
         raise BadInput(message)
 
 
@@ -66,9 +68,9 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
     machines = tuple(sorted({cell.machine for cell in cells if cell.machine})) or (NOTHING,)
     columns = tuple(dict.fromkeys((*matrix.axes, *matrix.shown)))
     counts = Counter(cell.verdict for cell in cells)
-    asked = pivot if pivot and set(pivot) <= set(matrix.axes) else matrix.pivot
+    pivot_axes = pivot if pivot and set(pivot) <= set(matrix.axes) else matrix.pivot
     main = [cell for cell in cells if cell.role is Role.MAIN]
-    chosen = asked or squares.default_axes(matrix.axes, main)
+    chosen = pivot_axes or squares.default_axes(matrix.axes, main)
     dropped = [gone for gone in document.dropped if cellid.matrix(gone.id) == name]
     ids = {role: dict.fromkeys(cell.id for cell in cells if cell.role is role) for role in Role}
     bad = {cell.id for cell in main if cell.verdict not in {*UNTOLD, Verdict.WORKS}}
@@ -160,8 +162,8 @@ def _urgency(row: Row) -> int:
     return 3 if row.verdict is Verdict.WORKS else 2 if row.verdict in UNTOLD else 1
 
 
-def _named(found: Sequence[str], machines: Sequence[str]) -> str:
-    return "every machine" if len(found) == len(machines) else ", ".join(found)
+def _named(names: Sequence[str], machines: Sequence[str]) -> str:
+    return "every machine" if len(names) == len(machines) else ", ".join(names)
 
 
 def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
@@ -186,7 +188,7 @@ def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
         lock=cell.lock or "",
         frames=tuple((case.case, case.frames[0]) for case in cell.cases if case.frames),
         repaired=tuple(f"{repair.package} {repair.version}" for repair in cell.repairs),
-        **verdict_reasons.told(cell),
+        **verdict_reasons.describe_cause(cell),
     )
 
 
@@ -200,8 +202,8 @@ def _version(cell: CellEntry, column: str) -> str:
     """Return the installed version, else the version asked for."""
     if column == "python":
         return cell.python or cell.requested_python
-    asked = cell.axes.get(column, cell.environment.get(column, NOTHING))
-    return (cell.installed or {}).get(column, asked)
+    requested_version = cell.axes.get(column, cell.environment.get(column, NOTHING))
+    return (cell.installed or {}).get(column, requested_version)
 
 
 def _why(cell: CellEntry) -> str:
@@ -254,10 +256,10 @@ def _dropped(gone: Iterable[tuple[str, str, int]]) -> tuple[Remark, ...]:
     return tuple(sorted(remarks, key=lambda remark: -remark.count))
 
 
-def _grouped(said: Iterable[tuple[str, str, str]]) -> tuple[Remark, ...]:
+def _grouped(notes: Iterable[tuple[str, str, str]]) -> tuple[Remark, ...]:
     """Group (text, what it is about, cell id) by text and subject, those of most cells first."""
     groups: dict[tuple[str, str], list[str]] = {}
-    for text, about, cell_id in said:
+    for text, about, cell_id in notes:
         groups.setdefault((about, text), []).append(cellid.label(cell_id))
     remarks = [Remark(about=about, text=text, cells=tuple(dict.fromkeys(ids))) for (about, text), ids in groups.items()]
     return tuple(sorted(remarks, key=lambda remark: -len(remark.cells)))

@@ -30,35 +30,35 @@ def reasons(cells: Iterable[CellEntry]) -> Iterator[tuple[Explanation, list[Cell
             ids = tuple(one.signature for one in counted(cell))
             why = failed_in(cell), cell.decisive or "", hidden_by(cell), expectation(cell), link, ids
             groups.setdefault((cell.verdict, *why), []).append(cell)
-    for (verdict, phase, decisive, hidden, expected, link, _), found in groups.items():
-        made = Explanation(
+    for (verdict, phase, decisive, hidden, expected, link, _), group in groups.items():
+        explanation = Explanation(
             verdict=verdict,
             phase=phase,
             decisive=decisive,
             hidden_by=hidden,
             expected=expected,
             link=link,
-            cells=_labels(found, results),
-            causes=tuple(_causes(found, locks)),
+            cells=_labels(group, results),
+            causes=tuple(_causes(group, locks)),
         )
-        yield made, found
+        yield explanation, group
 
 
 def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Cause]:
     """Yield the known failures of cells that all have the same ones."""
-    for place, one in enumerate(counted(cells[0])):
+    for place, diagnosis in enumerate(counted(cells[0])):
         proofs = [proof for cell in cells if (proof := counted(cell)[place].proof)]
         yield Cause(
-            signature=one.signature,
-            cause=one.cause,
-            remedy=changes.in_words(one.remedy),
-            applicable=any(key != "text" for key in one.remedy),
+            signature=diagnosis.signature,
+            cause=diagnosis.cause,
+            remedy=changes.in_words(diagnosis.remedy),
+            applicable=any(key != "text" for key in diagnosis.remedy),
             proofs=tuple((cellid.label(proof), locks.get(proof, "")) for proof in dict.fromkeys(proofs)),
-            references=one.references,
+            references=diagnosis.references,
         )
 
 
-def told(cell: CellEntry) -> dict[str, Any]:
+def describe_cause(cell: CellEntry) -> dict[str, Any]:
     """Return the fields of a row on the deepest known cause and its remedy; empty if no cause is known."""
     deepest = next(iter(counted(cell)), None)
     if deepest is None:
@@ -70,11 +70,11 @@ def told(cell: CellEntry) -> dict[str, Any]:
 
 def attempts(cells: Sequence[CellEntry]) -> Iterator[Attempt]:
     """Yield each change that was tried, with the cell that it was tried on, on the same machine."""
-    known = {(cell.id, cell.machine): cell for cell in cells}
+    cells_by_key = {(cell.id, cell.machine): cell for cell in cells}
     for after in cells:
         if after.change is None or after.base is None or after.verdict is Verdict.NOT_RUN:
             continue
-        before = known.get((after.base, after.machine))
+        before = cells_by_key.get((after.base, after.machine))
         yield Attempt(
             cell=cellid.label(after.base),
             before=_stands(before) if before else "not run",

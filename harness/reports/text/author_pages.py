@@ -34,17 +34,17 @@ def render(template: str, document: Document, report: Report) -> str:
         "camera_pairs": camera_pages.pairs,
         "in_order": cause_groups.in_order,
     }
-    found = _Cells(document.cells)
-    known: dict[str, Any] = {"rendering": egl_rules, "advising": egl_advice}
-    known |= {
-        "cell": found.labelled,
-        "cells": found.having,
+    lookup = _Cells(document.cells)
+    context: dict[str, Any] = {"rendering": egl_rules, "advising": egl_advice}
+    context |= {
+        "cell": lookup.labelled,
+        "cells": lookup.having,
         "case": _case,
-        "effect": found.effect,
-        "changed": found.changed,
+        "effect": lookup.effect,
+        "changed": lookup.changed,
     }
     try:
-        return environment.from_string(template).render(document=document, report=report, **known)
+        return environment.from_string(template).render(document=document, report=report, **context)
     except TemplateError as error:
         line = getattr(error, "lineno", None)
         message = f"the page of {_named(document)}: {f'line {line}: ' if line else ''}{error.message or error}"
@@ -57,25 +57,25 @@ class _Cells:
     def __init__(self, cells: Sequence[CellEntry]) -> None:
         latest: dict[str, CellEntry] = {}
         for cell in cells:
-            known = latest.setdefault(cell.id, cell)
-            latest[cell.id] = max(known, cell, key=lambda one: one.measured or "")
+            previous = latest.setdefault(cell.id, cell)
+            latest[cell.id] = max(previous, cell, key=lambda entry: entry.measured or "")
         self.cells = tuple(latest.values())
 
     def labelled(self, label: str) -> CellEntry:
-        found = next((cell for cell in self.cells if cellid.named(label, cell)), None)
-        if found is None:
+        entry = next((cell for cell in self.cells if cellid.has_name(label, cell)), None)
+        if entry is None:
             message = f'its page speaks of a cell "{label}", which the matrix does not have'
             raise BadInput(message)
-        return found
+        return entry
 
     def changed(self, label: str, name: str) -> CellEntry:
         base = self.labelled(label)
-        made = (cell for cell in self.cells if cell.base == base.id and cell.change and cell.change.name == name)
-        found = next(made, None)
-        if found is None:
+        candidates = (cell for cell in self.cells if cell.base == base.id and cell.change and cell.change.name == name)
+        entry = next(candidates, None)
+        if entry is None:
             message = f'its page speaks of a change "{name}" of "{label}", which the matrix does not have'
             raise BadInput(message)
-        return found
+        return entry
 
     def having(self, **axes: Any) -> tuple[CellEntry, ...]:
         wanted = {name.replace("_", "-"): (value,) if isinstance(value, str) else value for name, value in axes.items()}
@@ -96,11 +96,11 @@ def _value(cell: CellEntry, axis: str) -> str | None:
 
 
 def _case(cell: CellEntry, name: str) -> CaseEntry:
-    found = next((case for case in cell.cases if case.case == name), None)
-    if found is None:
+    entry = next((case for case in cell.cases if case.case == name), None)
+    if entry is None:
         message = f'its page speaks of a case "{name}", which {cell.id} does not have'
         raise BadInput(message)
-    return found
+    return entry
 
 
 def _named(document: Document) -> str:

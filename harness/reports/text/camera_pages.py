@@ -89,12 +89,12 @@ def pairs(cell: CellEntry) -> tuple[Pair, ...]:
         case.case: tuple(one.text for one in cell.findings if one.check.endswith(".native") and case.case in one.cases)
         for case in cell.cases
     }
-    found: dict[tuple[int, int], dict[str, Way]] = {}
+    by_devices: dict[tuple[int, int], dict[str, Way]] = {}
     for case in cell.cases:
         if named := CASE.fullmatch(case.case):
             compute, graphics, path = named.groups()
-            found.setdefault((int(compute), int(graphics)), {})[path] = way(case, native[case.case])
-    return tuple(_pair(devices, ways) for devices, ways in sorted(found.items()))
+            by_devices.setdefault((int(compute), int(graphics)), {})[path] = way(case, native[case.case])
+    return tuple(_pair(devices, ways) for devices, ways in sorted(by_devices.items()))
 
 
 def way(case: CaseEntry, native: tuple[str, ...] = ()) -> Way:
@@ -105,7 +105,7 @@ def way(case: CaseEntry, native: tuple[str, ...] = ()) -> Way:
         return Way(native=native)
     if outcome is not Outcome.FAILED:
         return Way(seen=ENDS.get(outcome, Seen.UNTOLD), why=why, native=native)
-    number = next((int(told[1]) for line in native if (told := NUMBER.search(line))), None)
+    number = next((int(match[1]) for line in native if (match := NUMBER.search(line))), None)
     if _says(NO_PICTURE, why):
         return Way(seen=Seen.NONE if number is None else Seen.ERROR, why=why, native=native, error=number)
     seen = Seen.NO_CAMERA if _says(NO_CAMERA, why) else Seen.BLACK if _says(BLACK, why) else Seen.FAILED

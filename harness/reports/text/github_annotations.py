@@ -6,8 +6,8 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 
 from harness.model import Verdict
-from harness.model.report_types import SEVERITY, CellEntry, Document, number, word
-from harness.standalone.control_characters import visible
+from harness.model.report_types import SEVERITY, CellEntry, Document, format_count, word
+from harness.standalone.control_characters import strip_controls
 
 SHOWN = 10
 """Errors of one step that GitHub shows; it drops the others without a word."""
@@ -29,28 +29,28 @@ class Annotation:
     message: str
 
 
-def github(made: Document, fail_on: Collection[str]) -> str:
+def github(document: Document, fail_on: Collection[str]) -> str:
     """Return one workflow command per reason to fail, worst first, at most as many as GitHub shows."""
-    wrong = tuple(reasons(made, fail_on))
+    wrong = tuple(reasons(document, fail_on))
     if len(wrong) > SHOWN:
-        rest = number(len(wrong) - SHOWN + 1, "more reason")
+        rest = format_count(len(wrong) - SHOWN + 1, "more reason")
         closing = Annotation(title=f"and {rest} to fail", message="All of them are in the summary and in the report.")
         wrong = (*wrong[: SHOWN - 1], closing)
     return "".join(f"::error title={_property(one.title)}::{_data(one.message)}\n" for one in wrong)
 
 
-def reasons(made: Document, fail_on: Collection[str]) -> Iterator[Annotation]:
+def reasons(document: Document, fail_on: Collection[str]) -> Iterator[Annotation]:
     """Yield the reasons why a report fails: cells not as expected (worst first), then stale expectations.
 
     Last come inconclusive cells, and those with a verdict that `fail_on` names.
     """
-    several = len(made.machines) > 1
+    several = len(document.machines) > 1
     if "unexpected" in fail_on:
-        yield from _alike([cell for cell in made.cells if cell.as_expected is False], several=several)
+        yield from _alike([cell for cell in document.cells if cell.as_expected is False], several=several)
     if "stale" in fail_on:
-        yield from (Annotation(title="expectation out of date", message=sentence) for sentence in made.stale)
+        yield from (Annotation(title="expectation out of date", message=sentence) for sentence in document.stale)
     untold = {Verdict.INCONCLUSIVE, *(verdict for verdict in Verdict if verdict in fail_on)}
-    yield from _alike([cell for cell in made.cells if cell.verdict in untold], several=several)
+    yield from _alike([cell for cell in document.cells if cell.verdict in untold], several=several)
 
 
 def _alike(cells: Iterable[CellEntry], *, several: bool) -> Iterator[Annotation]:
@@ -58,15 +58,15 @@ def _alike(cells: Iterable[CellEntry], *, several: bool) -> Iterator[Annotation]
     groups: dict[tuple[str, str], list[str]] = {}
     for cell in sorted(cells, key=lambda cell: SEVERITY.index(cell.verdict)):
         place = f"{cell.id} on {cell.machine}" if several and cell.machine else cell.id
-        groups.setdefault((_told(cell), cell.decisive or ""), []).append(place)
-    for (told, decisive), places in groups.items():
-        more = f" and {number(len(places) - 1, 'more cell')}" if len(places) > 1 else ""
-        named = places[1:NAMED] + [f"and {number(len(places) - NAMED, 'more cell')}"] * (len(places) > NAMED)
+        groups.setdefault((_describe_result(cell), cell.decisive or ""), []).append(place)
+    for (result, decisive), places in groups.items():
+        more = f" and {format_count(len(places) - 1, 'more cell')}" if len(places) > 1 else ""
+        named = places[1:NAMED] + [f"and {format_count(len(places) - NAMED, 'more cell')}"] * (len(places) > NAMED)
         also = "\n".join(["", "also:", *named]) if more else ""
-        yield Annotation(title=places[0] + more, message=(f"{told}: {decisive}" if decisive else told) + also)
+        yield Annotation(title=places[0] + more, message=(f"{result}: {decisive}" if decisive else result) + also)
 
 
-def _told(cell: CellEntry) -> str:
+def _describe_result(cell: CellEntry) -> str:
     at = f" in {cell.phase}" if cell.phase else ""
     expectation = cell.expectation
     if cell.as_expected is not False or expectation is None:
@@ -77,7 +77,7 @@ def _told(cell: CellEntry) -> str:
 
 def _data(text: str) -> str:
     """Escape text for the message of a workflow command."""
-    return visible(text).replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+    return strip_controls(text).replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
 
 
 def _property(text: str) -> str:

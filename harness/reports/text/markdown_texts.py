@@ -71,8 +71,8 @@ def _prose_in_table(text: str) -> str:
 def _escaped(text: str, of_prose: Callable[[str], str], of_code: Callable[[str], str]) -> str:
     """Escape prose and code (between backticks), each in its own way."""
     pieces, at = [], 0
-    for found in CODE.finditer(text):
-        before = of_prose(text[at : found.start()])
-        pieces += [f"{before}\\" if ODD.search(before) else before, of_code(found[0])]
-        at = found.end()
+    for match in CODE.finditer(text):
+        before = of_prose(text[at : match.start()])
+        pieces += [f"{before}\\" if ODD.search(before) else before, of_code(match[0])]
+        at = match.end()
     return "".join([*pieces, of_prose(text[at:])])

@@ -42,9 +42,9 @@ def _gpu(facts: Mapping[str, Any]) -> str:
     return str(gpu["models"]) if isinstance(gpu, dict) and gpu.get("models") else ""
 
 
-def facts(known: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
+def facts(machine: Mapping[str, Any]) -> tuple[tuple[str, str], ...]:
     """Return the known facts of a machine as pairs of name and words."""
-    words = {name.replace("_", " "): _words(fact) for name, fact in sorted(known.items())}
+    words = {name.replace("_", " "): _words(fact) for name, fact in sorted(machine.items())}
     return tuple((name, text) for name, text in words.items() if text)
 
 

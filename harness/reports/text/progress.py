@@ -10,10 +10,10 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from harness.model import Cell, CellRecord
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.reports.text.terminal import bounded
 from harness.running.scheduler import WAITING
-from harness.standalone.control_characters import visible
+from harness.standalone.control_characters import strip_controls
 from harness.standalone.output import styled
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class Progress:
         """Note that work on a cell has begun."""
         with self._lock:
             if self.known_count and not self.worked_count and not self._running:
-                self.say(f"{self.known_count} of {number(self.total, 'cell')} measured before")
+                self.say(f"{self.known_count} of {format_count(self.total, 'cell')} measured before")
             self._running[cell.id] = "start"
 
     def step(self, cell: Cell, text: str) -> None:
@@ -82,7 +82,7 @@ class Progress:
     def say(self, text: str) -> None:
         """Print a message for the user once."""
         if self._live:
-            self._live.console.print(visible(text), markup=False, highlight=False)
+            self._live.console.print(strip_controls(text), markup=False, highlight=False)
         else:
             print(text, file=sys.stderr, flush=True)
 
@@ -103,7 +103,7 @@ class Progress:
             board.add_row(f"{self.known_count + self.worked_count} of {self.total} done", self._summary())
             active = {name: step for name, step in self._running.items() if step != WAITING}
             for name, step in sorted(active.items()):
-                board.add_row(f"  {visible(step)}", name)
+                board.add_row(f"  {strip_controls(step)}", name)
             if waiting := len(self._running) - len(active):
-                board.add_row(f"  {WAITING}", number(waiting, "cell") + ", installed")
+                board.add_row(f"  {WAITING}", format_count(waiting, "cell") + ", installed")
         return board

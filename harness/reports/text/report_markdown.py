@@ -8,10 +8,10 @@ from itertools import groupby
 from typing import Any
 
 from harness.model import Role, Verdict
-from harness.model.report_types import SYMBOLS, UNTOLD, number, word
+from harness.model.report_types import SYMBOLS, UNTOLD, format_count, word
 from harness.reports.tables.table_types import Attempt, Pivot, Remark, Report, Row, Sheet, Square, Task, Trouble
 from harness.reports.text.markdown_texts import ADDRESS, address, code, file_link, prose, table_cell
-from harness.standalone.control_characters import visible
+from harness.standalone.control_characters import strip_controls
 
 TEMPLATE = "report.md.j2"
 
@@ -30,14 +30,14 @@ def markdown(report: Report, template: str) -> str:
 
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
     environment.filters |= filters()
-    page = visible(environment.from_string(template).render(report=report))
+    page = strip_controls(environment.from_string(template).render(report=report))
     return page.replace("![", "!\\[")  # it shows no picture, wherever one came from
 
 
 def filters() -> dict[str, Callable[..., Any]]:
     """Return the filters that templates apply to the values of a report."""
     return {
-        "became": became,
+        "became": describe_results,
         "by_cell": by_cell,
         "by_kind": _by_kind,
         "cause": _cause,
@@ -52,7 +52,7 @@ def filters() -> dict[str, Callable[..., Any]]:
         "left_out": _left_out,
         "legend": legend,
         "named": lambda verdict: f"{SYMBOLS[verdict]} {word(verdict)}",
-        "number": number,
+        "number": format_count,
         "outcome": _outcome,
         "proven": proven,
         "reference": _reference,
@@ -68,7 +68,7 @@ def filters() -> dict[str, Callable[..., Any]]:
         "line": lambda text: " ".join(text.split("\n")),
         "unknown": unknown,
         "results": results,
-        "seen_in": lambda labels, cells: _few(labels) if len(labels) < cells else f"all {number(cells, 'cell')}",
+        "seen_in": lambda labels, cells: _few(labels) if len(labels) < cells else f"all {format_count(cells, 'cell')}",
         "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('.')}.",
         "short": _short,
     }
@@ -91,27 +91,32 @@ def small_table(pivot: Pivot) -> str:
 def _square(pivot: Pivot, square: Sequence[Square]) -> str:
     """Return `◐ 10/11` with the Pythons in small print below; a line for each verdict."""
     parts = []
-    for one in square:
-        details = small(pivot, one)
-        sign = table_cell(mark(pivot, one)).replace(" ", NBSP)
+    for entry in square:
+        details = small(pivot, entry)
+        sign = table_cell(mark(pivot, entry)).replace(" ", NBSP)
         parts.append(sign + (f"<br><sub>{table_cell(details)}</sub>" if details else ""))
     return "<br>".join(parts)
 
 
-def mark(pivot: Pivot, one: Square) -> str:
+def mark(pivot: Pivot, entry: Square) -> str:
     """Return the sign of a verdict with its extra marks, and how many of the tasks tried passed."""
-    signs = SYMBOLS[one.verdict] + "→✔" * one.fixed + "?" * one.doubted + "†" * one.patched + "*" * one.varies
+    signs = SYMBOLS[entry.verdict] + "→✔" * entry.fixed + "?" * entry.doubted + "†" * entry.patched + "*" * entry.varies
     machines = pivot.machines
-    place = f"{machines.index(one.machine) + 1}: " if len(machines) > 1 else ""
-    return f"{place}{signs}" + (f" {one.passed}/{one.tried}" if one.tried else "")
+    place = f"{machines.index(entry.machine) + 1}: " if len(machines) > 1 else ""
+    return f"{place}{signs}" + (f" {entry.passed}/{entry.tried}" if entry.tried else "")
 
 
-def small(pivot: Pivot, one: Square) -> str:
+def small(pivot: Pivot, entry: Square) -> str:
     """Return the small print of a square: Pythons if they differ, and the values that tell its verdicts apart."""
-    known = len(pivot.pythons) < 2 or "python" in {pivot.down, pivot.across}
+    hide_pythons = len(pivot.pythons) < 2 or "python" in {pivot.down, pivot.across}
     return "; ".join(
         filter(
-            None, ("" if known else ", ".join(one.pythons), *one.where, f"fails in {one.phase}" if one.phase else "")
+            None,
+            (
+                "" if hide_pythons else ", ".join(entry.pythons),
+                *entry.where,
+                f"fails in {entry.phase}" if entry.phase else "",
+            ),
         )
     )
 
@@ -168,35 +173,39 @@ def result(sheet: Sheet) -> str:
     """Say in a sentence how many combinations work, and whether anything is unexpected."""
     wrong = sum(row.as_expected is False for row in sheet.rows)
     if wrong:
-        expected = f" {number(wrong, 'result')} {'is' if wrong == 1 else 'are'} not as expected."
+        expected = f" {format_count(wrong, 'result')} {'is' if wrong == 1 else 'are'} not as expected."
     else:
         expected = " Every result is as expected." if any(row.as_expected for row in sheet.rows) else ""
     verb = "works" if sheet.works == 1 else "work"
     open_ = f" {sheet.doubted} more raise nothing, but a known silent defect was not excluded." * bool(sheet.doubted)
-    return f"{sheet.works} of {number(sheet.main, 'combination')} {verb}.{open_}{expected}"
+    return f"{sheet.works} of {format_count(sheet.main, 'combination')} {verb}.{open_}{expected}"
 
 
 def results(sheet: Sheet) -> str:
     """Return `6 cells`, or `6 cells, 11 results on 2 machines`."""
-    cells, machines = number(sheet.cells, "cell"), len(sheet.machines)
-    return cells if machines == 1 else f"{cells}, {number(sheet.results, 'result')} on {number(machines, 'machine')}"
+    cells, machines = format_count(sheet.cells, "cell"), len(sheet.machines)
+    return (
+        cells
+        if machines == 1
+        else f"{cells}, {format_count(sheet.results, 'result')} on {format_count(machines, 'machine')}"
+    )
 
 
 def _counts(sheet: Sheet) -> str:
     """Return `✔ 6 works, ✘ 2 broken (4 repairs among them); 3 combinations left out.`"""
     counts = ", ".join(f"{SYMBOLS[verdict]} {count} {word(verdict)}" for verdict, count in sheet.counts)
-    roles = " and ".join(number(count, role) for role, count in sheet.roles)
+    roles = " and ".join(format_count(count, role) for role, count in sheet.roles)
     among = f" ({roles} among them)" if roles else ""
-    return counts + among + (f"; {number(sheet.left_out, 'combination')} left out." if sheet.left_out else ".")
+    return counts + among + (f"; {format_count(sheet.left_out, 'combination')} left out." if sheet.left_out else ".")
 
 
-def became(one: Trouble) -> str:
+def describe_results(trouble: Trouble) -> str:
     """Return the results of the cells of a cause: `◐ 2 partial, ✘ broken in single`."""
-    several = len(one.verdicts) > 1
+    several = len(trouble.verdicts) > 1
     verdicts = ", ".join(
-        f"{SYMBOLS[each]} {f'{count} ' if several else ''}{word(each)}" for each, count in one.verdicts
+        f"{SYMBOLS[each]} {f'{count} ' if several else ''}{word(each)}" for each, count in trouble.verdicts
     )
-    return verdicts + (f" in {', '.join(one.phases)}" if one.phases else "")
+    return verdicts + (f" in {', '.join(trouble.phases)}" if trouble.phases else "")
 
 
 def _outcome(row: Row) -> str:
@@ -216,51 +225,51 @@ def _cause(row: Row) -> str:
     return f"{link}{', fix proven' if row.proven else ''}"
 
 
-def unknown(one: Trouble) -> str:
+def unknown(trouble: Trouble) -> str:
     """Return the words for a cause where no known failure fits."""
-    verdict = one.verdicts[0][0]
+    verdict = trouble.verdicts[0][0]
     return "it works" if verdict is Verdict.WORKS else word(verdict) if verdict in UNTOLD else "not known"
 
 
 def first_sentence(text: str) -> str:
     """Return the text up to the first full stop that ends a sentence."""
-    found = re.match(r".*?[^.][.](?= [A-Z`(]|$)", text)
-    return (found[0] if found else text).removesuffix(".")
+    match = re.match(r".*?[^.][.](?= [A-Z`(]|$)", text)
+    return (match[0] if match else text).removesuffix(".")
 
 
-def proven(one: Trouble) -> str:
+def proven(trouble: Trouble) -> str:
     """Say which cell proves a fix, and for how many cells if not for all; or that nobody tried it."""
-    if one.proofs:
-        return f"proven by {code(one.proofs[0][0])}" + (
-            f", for {one.proven} of {one.cells}" if one.proven < one.cells else ""
+    if trouble.proofs:
+        return f"proven by {code(trouble.proofs[0][0])}" + (
+            f", for {trouble.proven} of {trouble.cells}" if trouble.proven < trouble.cells else ""
         )
-    if one.neighbour:
-        return f"proven by a neighbour: {code(one.neighbour)} works and differs only in this"
-    if one.together:
-        return f"not tried alone; {code(one.together)} works with this and more"
-    return "not tried" if one.applicable else ""
+    if trouble.neighbour:
+        return f"proven by a neighbour: {code(trouble.neighbour)} works and differs only in this"
+    if trouble.together:
+        return f"not tried alone; {code(trouble.together)} works with this and more"
+    return "not tried" if trouble.applicable else ""
 
 
 def _reference(link: str) -> str:
     """Return a link with a text as short as it can be: `owner/name#12`, else its host."""
-    found = re.match(r"https?://(?:www\.)?([^/]+)(?:/([^/]+/[^/]+)/(?:issues|pull|discussions)/(\d+))?", link)
-    text = (f"{found[2]}#{found[3]}" if found[3] else found[1]) if found else link
+    match = re.match(r"https?://(?:www\.)?([^/]+)(?:/([^/]+/[^/]+)/(?:issues|pull|discussions)/(\d+))?", link)
+    text = (f"{match[2]}#{match[3]}" if match[3] else match[1]) if match else link
     return f"[{text}]({link})" if ADDRESS.fullmatch(link) else code(link)
 
 
-def _task(one: Task) -> str:
+def _task(task: Task) -> str:
     """Return the name of a task, with its environment if that has another name."""
-    if not one.env:
-        return f"import of {code(one.name)}"
-    return code(one.name) if one.env == one.name else f"{code(one.name)} ({code(one.env)})"
+    if not task.env:
+        return f"import of {code(task.name)}"
+    return code(task.name) if task.env == task.name else f"{code(task.name)} ({code(task.env)})"
 
 
 def by_cell(attempts: Iterable[Attempt]) -> list[list[Attempt]]:
     """Group the changes tried on one cell of one machine, in their order."""
-    found: dict[tuple[str, str], list[Attempt]] = {}
-    for one in attempts:
-        found.setdefault((one.cell, one.machine), []).append(one)
-    return list(found.values())
+    groups: dict[tuple[str, str], list[Attempt]] = {}
+    for attempt in attempts:
+        groups.setdefault((attempt.cell, attempt.machine), []).append(attempt)
+    return list(groups.values())
 
 
 def _by_kind(findings: Iterable[Remark]) -> list[tuple[str, list[Remark]]]:
@@ -278,7 +287,7 @@ def _left_out(gone: Remark) -> str:
     """Return `3 combinations`, or the names if there are only a few."""
     if gone.count == len(gone.cells) <= NAMED:
         return _codes(gone.cells)
-    return number(gone.count, "combination")
+    return format_count(gone.count, "combination")
 
 
 def _files(row: Row) -> str:

@@ -9,10 +9,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from harness.model import Role, Verdict
-from harness.model.report_types import SYMBOLS, UNTOLD, number, word
+from harness.model.report_types import SYMBOLS, UNTOLD, format_count, word
 from harness.reports.tables.table_types import Attempt, Effect, Pivot, Remark, Report, Row, Sheet, Square, Trouble
 from harness.reports.text import report_markdown
-from harness.standalone.control_characters import visible
+from harness.standalone.control_characters import strip_controls
 from harness.standalone.output import styled
 
 if TYPE_CHECKING:
@@ -70,10 +70,12 @@ def _console() -> Console:
 
     from rich.console import Console  # noqa: PLC0415 - start-up
 
-    asked = os.environ.get("COLUMNS", "")
-    known = sys.stdout.isatty() or (asked.isdigit() and int(asked) > 0)
-    made = Console(file=styled(sys.stdout), highlight=False, markup=False, width=None if known else PIPED_WIDTH)
-    return bounded(made)
+    columns = os.environ.get("COLUMNS", "")
+    width_known = sys.stdout.isatty() or (columns.isdigit() and int(columns) > 0)
+    console = Console(
+        file=styled(sys.stdout), highlight=False, markup=False, width=None if width_known else PIPED_WIDTH
+    )
+    return bounded(console)
 
 
 def bounded(console: Console) -> Console:
@@ -142,11 +144,11 @@ def _small_tables(pivot: Pivot, target: Console) -> Iterable[RenderableType]:
     ways = (pivot, _turned(pivot))
     shown = next((one for one in ways if _fits(one, 0, len(one.columns), target, room)), None)
     if shown is None:
-        shown = min(ways, key=lambda one: len(_blocks(one, target, room)))
+        shown = min(ways, key=lambda way: len(_blocks(way, target, room)))
     for first, last in _blocks(shown, target, room):
         yield _padded(_table(shown, first, last))
     if hidden := len(shown.rows) - len(_shown(shown)):
-        yield _padded(_styled((f"{number(hidden, 'more row')} in which all works", GREY)))
+        yield _padded(_styled((f"{format_count(hidden, 'more row')} in which all works", GREY)))
 
 
 def _turned(pivot: Pivot) -> Pivot:
@@ -187,13 +189,13 @@ def _table(pivot: Pivot, first: int, last: int) -> RenderableType:
     from rich.table import Table  # noqa: PLC0415 - start-up
 
     table = Table(box=box.SIMPLE_HEAD, show_edge=False, pad_edge=False, header_style="bold", padding=(0, 1, 0, 0))
-    table.add_column(_broken(f"{pivot.down} \\ {pivot.across}"))
+    table.add_column(_wrap_words(f"{pivot.down} \\ {pivot.across}"))
     for column in pivot.columns[first:last]:
-        table.add_column(_broken(column), justify="center", no_wrap=True)
+        table.add_column(_wrap_words(column), justify="center", no_wrap=True)
     for name, squares in _shown(pivot):
         if not any(squares[first:last]):
             continue
-        head = _styled((_broken(name, WIDEST_NAME), "bold"))
+        head = _styled((_wrap_words(name, WIDEST_NAME), "bold"))
         table.add_row(head, *(_square(pivot, square) for square in squares[first:last]))
     return table
 
@@ -212,13 +214,13 @@ def _green(squares: Iterable[Sequence[Square]]) -> bool:
 def _square(pivot: Pivot, square: Sequence[Square]) -> Text:
     """Return the sign and the tasks of each verdict, with its small print below."""
     lines: list[tuple[str, str]] = []
-    for one in square:
-        lines.append((report_markdown.mark(pivot, one), _colour(one.verdict)))
-        lines += [(line, GREY) for line in _broken(report_markdown.small(pivot, one)).splitlines()]
+    for entry in square:
+        lines.append((report_markdown.mark(pivot, entry), _colour(entry.verdict)))
+        lines += [(line, GREY) for line in _wrap_words(report_markdown.small(pivot, entry)).splitlines()]
     return _styled(*((("\n" if place else "") + line, style) for place, (line, style) in enumerate(lines)))
 
 
-def _broken(text: str, widest: int = WIDEST) -> str:
+def _wrap_words(text: str, widest: int = WIDEST) -> str:
     """Break a text into lines after spaces and hyphens, none longer than `widest` if it can be helped."""
     lines = [""]
     for piece in text.replace(" ", " \0").replace("-", "-\0").split("\0"):
@@ -241,7 +243,7 @@ def _list(sheet: Sheet) -> Iterable[RenderableType]:
         yield _verdict(row)
         yield _padded(_details(sheet, row))
     if len(rows) < len(sheet.rows):
-        more = number(len(sheet.rows) - len(rows), "more cell")
+        more = format_count(len(sheet.rows) - len(rows), "more cell")
         yield _styled((f"{more} of which there is nothing to say; the Markdown report lists them", GREY))
 
 
@@ -256,7 +258,7 @@ def _verdict(row: Row) -> Text:
     phase = f" in {row.phase}" if row.phase else ""
     measured = [f"{row.passed}/{row.tried} tasks"] * bool(row.tried)
     measured += [f"{row.seconds:.1f} s"] * (row.verdict is not Verdict.NOT_RUN)
-    measured += [number(row.findings, "finding")] * bool(row.findings)
+    measured += [format_count(row.findings, "finding")] * bool(row.findings)
     return _styled(
         (f"{SYMBOLS[row.verdict]} {word(row.verdict)}", f"bold {_colour(row.verdict)}"),
         (", ".join([phase, *notes]), ""),
@@ -289,32 +291,41 @@ def _fix(row: Row) -> tuple[str, str]:
 def _troubles(troubles: Iterable[Trouble]) -> Iterable[RenderableType]:
     """Yield one paragraph per cause, with its fix and links."""
     yield _styled(("by cause", "bold"))
-    for one in troubles:
-        head = (f"{report_markdown.became(one)}: {one.where.replace('`', '')}", _colour(one.verdicts[0][0]))
-        parts = [head, (f"\n{_cause(one)}", "")]
-        if one.remedy:
-            proof = f" ({report_markdown.proven(one)})" if report_markdown.proven(one) else ""
-            parts.append((f"\nfix: {one.remedy}{proof}".replace("`", ""), GREEN if one.proofs else ""))
-        parts += [(f"\n{link}", GREY) for link in one.references[:REFERENCES]]
+    for trouble in troubles:
+        head = (
+            f"{report_markdown.describe_results(trouble)}: {trouble.where.replace('`', '')}",
+            _colour(trouble.verdicts[0][0]),
+        )
+        parts = [head, (f"\n{_cause(trouble)}", "")]
+        if trouble.remedy:
+            proof = f" ({report_markdown.proven(trouble)})" if report_markdown.proven(trouble) else ""
+            parts.append((f"\nfix: {trouble.remedy}{proof}".replace("`", ""), GREEN if trouble.proofs else ""))
+        parts += [(f"\n{link}", GREY) for link in trouble.references[:REFERENCES]]
         yield _padded(_styled(*parts))
     yield ""
 
 
-def _cause(one: Trouble) -> str:
+def _cause(trouble: Trouble) -> str:
     """Return the known failure, else the reason that the matrix gives, else the decisive line."""
-    if one.known:
-        return f"{one.known}: {one.cause}"
-    lead = report_markdown.unknown(one)
-    return f"{lead}; the matrix says: {one.cause}" if one.cause else f"{lead}: {one.line}" if one.line else lead
+    if trouble.known:
+        return f"{trouble.known}: {trouble.cause}"
+    lead = report_markdown.unknown(trouble)
+    return (
+        f"{lead}; the matrix says: {trouble.cause}"
+        if trouble.cause
+        else f"{lead}: {trouble.line}"
+        if trouble.line
+        else lead
+    )
 
 
 def _attempts(attempts: Iterable[Attempt]) -> Iterable[RenderableType]:
     yield _styled(("changes tried, one at a time", "bold"))
     for tried in report_markdown.by_cell(attempts):
         yield _padded(_styled((tried[0].cell, ""), (f"\n{tried[0].before}", GREY)))
-        for one in tried:
-            words = f": {'; '.join(one.does)}{' (advice)' if one.advice else ''}\n{one.after}"
-            head = (f"{one.effect}: {one.change}", EFFECTS.get(one.effect, YELLOW))
+        for attempt in tried:
+            words = f": {'; '.join(attempt.does)}{' (advice)' if attempt.advice else ''}\n{attempt.after}"
+            head = (f"{attempt.effect}: {attempt.change}", EFFECTS.get(attempt.effect, YELLOW))
             yield _padded(_styled(head, (words, GREY)), 2 * INDENT)
     yield ""
 
@@ -323,7 +334,7 @@ def _remarks(title: str, remarks: Iterable[Remark]) -> Iterable[RenderableType]:
     yield _styled((title, "bold"))
     for remark in remarks:
         about = f" ({remark.about})" if remark.about else ""
-        count = number(remark.count, "combination") if remark.count else number(len(remark.cells), "cell")
+        count = format_count(remark.count, "combination") if remark.count else format_count(len(remark.cells), "cell")
         where = remark.cells[0] if len(remark.cells) == 1 and remark.count < 2 else count
         yield _padded(_styled((remark.text, ""), (f"{about}: {where}", GREY)))
     yield ""
@@ -341,7 +352,7 @@ def _padded(part: RenderableType, indent: int = INDENT) -> RenderableType:
 def _styled(*parts: tuple[str, str]) -> Text:
     from rich.text import Text  # noqa: PLC0415 - start-up
 
-    return Text.assemble(*((visible(text), style) for text, style in parts), overflow="fold")
+    return Text.assemble(*((strip_controls(text), style) for text, style in parts), overflow="fold")
 
 
 def _colour(verdict: Verdict) -> str:

@@ -10,10 +10,17 @@ from enum import StrEnum
 from harness.matrix import changes
 from harness.model import Cell, Change, Phase, Question, Repair, Tried, cellid
 from harness.model.vocabulary import required_name
-from harness.rootcause.bench import Bench, Spent, Trial
+from harness.rootcause.bench import Bench, BudgetExhausted, Trial
 from harness.rootcause.bisection.candidates import Candidate
 from harness.rootcause.bisection.good_end import GoodEndSearch, Look
-from harness.rootcause.bisection.predicate import Predicate, Said, alike, failing, plain, working
+from harness.rootcause.bisection.predicate import (
+    Classification,
+    Predicate,
+    classify_working,
+    has_package_failure,
+    line_key,
+    strip_run_count,
+)
 from harness.rootcause.search import Answer, Boundary, Refused, Rules, Search
 
 AHEAD = 2
@@ -45,11 +52,11 @@ class Step:
     candidate: Candidate
     why: str
     trial: Trial
-    said: Said
+    said: Classification
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Bisected:
+class BisectionResult:
     """The result of a bisection. `good` and `bad` are the neighbours, measured in every phase.
 
     `line` runs from good to bad once both ends are known.
@@ -95,14 +102,14 @@ class Bisection:
         self.told: list[str] = []
         self._ends: GoodEndSearch | None = None
 
-    def run(self) -> Bisected:
+    def run(self) -> BisectionResult:
         """Find the boundary. Never raises Spent."""
         try:
             ended = self._bad_end()
             if ended is not None:
                 return self._answer(ended)
             good = self.task.good if self.task.good is not None else self._good_end()
-        except Spent as spent:
+        except BudgetExhausted as spent:
             self.told += filter(None, (str(spent), self._tried()))
             return self._answer(Status.STOPPED)
         if good is None:
@@ -129,14 +136,16 @@ class Bisection:
         for _ in range(round(-math.log10(1 - self.task.confidence))):
             if not whole.works:
                 break
-            self._note(candidate, "bad end", whole, working(whole))  # it may be flaky
+            self._note(candidate, "bad end", whole, classify_working(whole))  # it may be flaky
             whole = self.bench.measure(self.cell(candidate), again=True)
-        self.predicate = Predicate(failure=None if self.task.any else plain(whole.failure))
+        self.predicate = Predicate(failure=None if self.task.any else strip_run_count(whole.failure))
         if whole.untold:
-            self._note(candidate, "bad end", whole, Said(answer=Answer.UNTESTABLE, why=None, words=_line(whole)))
+            self._note(
+                candidate, "bad end", whole, Classification(answer=Answer.UNTESTABLE, why=None, words=_line(whole))
+            )
             return Status.UNTOLD
-        if not failing(whole):
-            self._note(candidate, "bad end", whole, working(whole))
+        if not has_package_failure(whole):
+            self._note(candidate, "bad end", whole, classify_working(whole))
             self.told.append(f"the bad end {candidate.name} is not bad: it {whole.well}")
             return Status.REFUSED
         self._note(candidate, "bad end", whole, self.predicate.of(whole))
@@ -150,8 +159,8 @@ class Bisection:
         """
         bad = self.task.bad
         last = next(step for step in reversed(self.steps) if step.candidate == self.task.line[bad])
-        looks = {place: _look(trial, said) for place in self._others() for trial, said in self._at_hand(place)}
-        looks[bad] = _look(last.trial, last.said)
+        looks = {place: _make_look(trial, said) for place in self._others() for trial, said in self._at_hand(place)}
+        looks[bad] = _make_look(last.trial, last.said)
         self._ends = GoodEndSearch(len(self.task.line), bad, looks, self._looked)
         return self._ends.find(self.task.hints)
 
@@ -169,13 +178,13 @@ class Bisection:
 
     def _looked(self, place: int) -> Look:
         """Measure a candidate that may be a good end, and return its result."""
-        said = self._test(place, LOOKING, left=None)
-        return _look(self.steps[-1].trial, said)
+        classification = self._test(place, LOOKING, left=None)
+        return _make_look(self.steps[-1].trial, classification)
 
     def _others(self) -> Iterator[int]:
         return (place for place in range(len(self.task.line)) if place != self.task.bad)
 
-    def _at_hand(self, place: int) -> Iterator[tuple[Trial, Said]]:
+    def _at_hand(self, place: int) -> Iterator[tuple[Trial, Classification]]:
         trial = self.bench.at_hand(self.cell(self.task.line[place]))
         if trial:
             yield trial, self._predicate.of(trial)
@@ -193,7 +202,7 @@ class Bisection:
 
     # --- between ---------------------------------------------------------------------------------------------------
 
-    def _between(self, good: int) -> Bisected:
+    def _between(self, good: int) -> BisectionResult:
         bad, line = self.task.bad, self.task.line
         line = line[good : bad + 1] if good <= bad else line[bad : good + 1][::-1]
         cells = [self.cell(one) for one in line]
@@ -205,7 +214,7 @@ class Bisection:
             self._halve(search, line)
             status = self._status(search.result(), line)
             lower, upper = self._confirmed(search.result())
-        except Spent as spent:
+        except BudgetExhausted as spent:
             self.told.append(str(spent))
         self.told += self._beyond(good)
         return replace(
@@ -214,39 +223,39 @@ class Bisection:
 
     def _seed(self, search: Search[Candidate], line: Sequence[Candidate], cells: Sequence[Cell]) -> None:
         """Give the search all results measured before, and the stored results that cost nothing."""
-        measured: dict[str, list[Said]] = {}
+        measured: dict[str, list[Classification]] = {}
         for step in self.steps:
             measured.setdefault(step.candidate.name, []).append(step.said)
         for place, (candidate, cell) in enumerate(zip(line, cells, strict=True)):
-            for said in measured.get(candidate.name, ()):
-                search.note(place, said.answer, said.why)
+            for classification in measured.get(candidate.name, ()):
+                search.note(place, classification.answer, classification.why)
             trial = None if candidate.name in measured else self.bench.at_hand(cell)
             if trial:
-                said = self._predicate.of(trial)
-                self._note(candidate, "at hand", trial, said)
-                search.note(place, said.answer, said.why, free=True)
+                classification = self._predicate.of(trial)
+                self._note(candidate, "at hand", trial, classification)
+                search.note(place, classification.answer, classification.why, free=True)
 
     def _halve(self, search: Search[Candidate], line: Sequence[Candidate]) -> None:
         while (place := search.next()) is not None:
             self.bench.prepare(self.cell(line[each]) for each in search.upcoming()[:AHEAD])
-            said = self._test(self.task.line.index(line[place]), "half", left=search.left)
-            search.note(place, said.answer, said.why)
+            classification = self._test(self.task.line.index(line[place]), "half", left=search.left)
+            search.note(place, classification.answer, classification.why)
 
-    def _test(self, place: int, why: str, *, left: int | None) -> Said:
+    def _test(self, place: int, why: str, *, left: int | None) -> Classification:
         """Measure a candidate, again if it was measured before, and return its answer."""
         candidate = self.task.line[place]
         before = [step for step in self.steps if step.candidate == candidate]
         steps = "" if left is None else f", about {left} {'step' if left == 1 else 'steps'} left"
         self.say(f"{'again ' if before else ''}{self.task.axis} {candidate.name}{steps}")
         trial = self.bench.measure(self.cell(candidate), again=bool(before))
-        said = self._predicate.of(trial)
-        self._note(candidate, "again" if before else why, trial, said)
-        return said
+        classification = self._predicate.of(trial)
+        self._note(candidate, "again" if before else why, trial, classification)
+        return classification
 
-    def _confirmed(self, found: Boundary[Candidate]) -> tuple[Step | None, Step | None]:
+    def _confirmed(self, boundary: Boundary[Candidate]) -> tuple[Step | None, Step | None]:
         """Measure both neighbours in all phases and return them; (None, None) if there is no boundary."""
         steps = []
-        for candidate in (found.good, found.bad):
+        for candidate in (boundary.good, boundary.bad):
             if candidate is None:
                 return None, None
             self.say(f"{self.task.axis} {candidate.name} in all phases")
@@ -254,12 +263,12 @@ class Bisection:
             steps.append(self._note(candidate, "whole", trial, self._predicate.of(trial)))
         return steps[0], steps[1]
 
-    def _status(self, found: Boundary[Candidate], line: Sequence[Candidate]) -> Status:
-        if found.refused is None:
+    def _status(self, boundary: Boundary[Candidate], line: Sequence[Candidate]) -> Status:
+        if boundary.refused is None:
             return Status.FOUND
-        end = line[0] if found.refused in {Refused.GOOD_IS_BAD, Refused.GOOD_UNTESTABLE} else line[-1]
+        end = line[0] if boundary.refused in {Refused.GOOD_IS_BAD, Refused.GOOD_UNTESTABLE} else line[-1]
         step = next(step for step in reversed(self.steps) if step.candidate == end)
-        self.told.append(f"{found.refused}: {end.name}: {step.said.words}")
+        self.told.append(f"{boundary.refused}: {end.name}: {step.said.words}")
         return Status.UNTOLD if step.trial.untold else Status.REFUSED
 
     # --- parts -----------------------------------------------------------------------------------------------------
@@ -272,27 +281,32 @@ class Bisection:
     def cell(self, candidate: Candidate) -> Cell:
         """Return the cell with the change of a candidate; the base cell itself if that changes nothing."""
         base = self.task.cell
-        made = changes.applied(base, candidate.change, self.task.recipes)
-        if changes.same(made, base):
+        changed_cell = changes.apply(base, candidate.change, self.task.recipes)
+        if changes.same(changed_cell, base):
             return base
-        made = replace(made, question=_in_place(made.question, base.question))
+        changed_cell = replace(changed_cell, question=_in_place(changed_cell.question, base.question))
         axis = {"--python": "py", "--date": "date-"}.get(self.task.axis, f"{self.task.axis}-")
-        name = cellid.spelled(f"{axis}{candidate.name}")
+        name = cellid.spell(f"{axis}{candidate.name}")
         reason = f"a bisection along {self.task.axis}"
         tried = Tried(name=name, reason=reason, change=candidate.change, proving=True)
-        return replace(made, id=changes.id_of(base, name, candidate.change), base=base.id, tried=tried, expect=None)
+        return replace(
+            changed_cell, id=changes.id_of(base, name, candidate.change), base=base.id, tried=tried, expect=None
+        )
 
-    def _note(self, candidate: Candidate, why: str, trial: Trial, said: Said) -> Step:
+    def _note(self, candidate: Candidate, why: str, trial: Trial, classification: Classification) -> Step:
         until = self.predicate.until if self.predicate else Phase.SUITE
         if trial.works and why != "whole" and until is not Phase.SUITE:
-            said = replace(said, words=f"passes {until}")  # nothing behind it was run
-        step = Step(candidate=candidate, why=why, trial=trial, said=said)
+            classification = replace(classification, words=f"passes {until}")  # nothing behind it was run
+        step = Step(candidate=candidate, why=why, trial=trial, said=classification)
         self.steps.append(step)
-        self.say(f"  {said.answer}: {said.words}" + (" (at hand)" if trial.at_hand else f" ({trial.seconds:.0f} s)"))
+        self.say(
+            f"  {classification.answer}: {classification.words}"
+            + (" (at hand)" if trial.at_hand else f" ({trial.seconds:.0f} s)")
+        )
         return step
 
-    def _answer(self, status: Status) -> Bisected:
-        return Bisected(status=status, line=self.task.line, predicate=self.predicate, told=tuple(self.told))
+    def _answer(self, status: Status) -> BisectionResult:
+        return BisectionResult(status=status, line=self.task.line, predicate=self.predicate, told=tuple(self.told))
 
 
 def _in_place(question: Question, before: Question) -> Question:
@@ -303,9 +317,9 @@ def _in_place(question: Question, before: Question) -> Question:
     return replace(question, requirements=tuple(lines))
 
 
-def _look(trial: Trial, said: Said) -> Look:
-    failed = plain(trial.failure)
-    return Look(answer=said.answer, failure=alike(failed) if failed else trial.assessed.verdict)
+def _make_look(trial: Trial, classification: Classification) -> Look:
+    failed = strip_run_count(trial.failure)
+    return Look(answer=classification.answer, failure=line_key(failed) if failed else trial.assessed.verdict)
 
 
 def _line(trial: Trial) -> str:

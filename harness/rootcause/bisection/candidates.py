@@ -32,7 +32,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Kept:
+class LineOptions:
     """The options of a line: whether to include yanked releases and pre-releases, and whether to stay offline."""
 
     yanked: bool = False
@@ -51,25 +51,29 @@ class Candidates:
 # --- releases --------------------------------------------------------------------------------------------------
 
 
-def of_package(cell: Cell, name: str, interpreter: Interpreter, kept: Kept) -> Candidates:
+def of_package(cell: Cell, name: str, interpreter: Interpreter, options: LineOptions) -> Candidates:
     """Return the releases of a package that exist for the Python of a cell. Raises BadInput and IndexUnreachable."""
     question = cell.question
-    found = index.releases(name, question.index, cutoff=question.snapshot, offline=kept.offline)
-    wheels = any(_fits(one, interpreter, native=True) for one in found)
+    releases = index.releases(name, question.index, cutoff=question.snapshot, offline=options.offline)
+    wheels = any(_fits(one, interpreter, native=True) for one in releases)
     binary = {name, ":all:"} & set(question.only_binary)
     reasons: dict[str, list[str]] = {}
     taken = []
-    for one in found:
-        why = _unfit(one, interpreter, kept, source=not (wheels or binary))
+    for release in releases:
+        why = _find_exclusion(release, interpreter, options, source=not (wheels or binary))
         if why:
-            reasons.setdefault(why, []).append(one.version)
+            reasons.setdefault(why, []).append(release.version)
         else:
-            taken.append(Candidate(name=one.version, change=moved(cell, name, one.version), uploaded=one.uploaded))
+            taken.append(
+                Candidate(
+                    name=release.version, change=pin_release(cell, name, release.version), uploaded=release.uploaded
+                )
+            )
     left_out = (f"{why}: {_listed(versions)}" for why, versions in reasons.items())
     return Candidates(candidates=tuple(taken), left_out=tuple(left_out))
 
 
-def moved(cell: Cell, name: str, version: str) -> Change:
+def pin_release(cell: Cell, name: str, version: str) -> Change:
     """Return the change that pins a package: in the requirements or overrides if it is there, else as a constraint."""
     line = (f"{name}=={version}",)
     if name in map(required_name, cell.question.requirements):
@@ -79,15 +83,15 @@ def moved(cell: Cell, name: str, version: str) -> Change:
     return Change(constraints=line)
 
 
-def _unfit(one: Release, interpreter: Interpreter, kept: Kept, *, source: bool) -> str | None:
+def _find_exclusion(release: Release, interpreter: Interpreter, options: LineOptions, *, source: bool) -> str | None:
     """Return the reason to leave out a release; None if it fits."""
-    if one.yanked and not kept.yanked:
+    if release.yanked and not options.yanked:
         return "yanked (--yanked takes them in)"
-    if Version(one.version).is_prerelease and not kept.pre:
+    if Version(release.version).is_prerelease and not options.pre:
         return "pre-releases (--pre takes them in)"
-    if one.requires_python and not _allows(one.requires_python, interpreter.version):
+    if release.requires_python and not _allows(release.requires_python, interpreter.version):
         return f"not for Python {interpreter.minor}, by their own words"
-    if not _fits(one, interpreter) and not (one.sdist and source):
+    if not _fits(release, interpreter) and not (release.sdist and source):
         return f"without a wheel for Python {interpreter.minor} on this machine"
     return None
 
@@ -99,15 +103,15 @@ def _allows(specifier: str, version: str) -> bool:
         return True
 
 
-def _fits(one: Release, interpreter: Interpreter, *, native: bool = False) -> bool:
+def _fits(release: Release, interpreter: Interpreter, *, native: bool = False) -> bool:
     """Return whether a release has a wheel for this Python; a `native` one is for few platforms."""
-    known = locks.tags(interpreter)
-    for file in one.wheels:
+    supported_tags = locks.tags(interpreter)
+    for file in release.wheels:
         try:
             tags = parse_wheel_filename(file)[3]
         except InvalidWheelFilename:
             continue
-        if any(tag in known and not (native and tag.platform == "any") for tag in tags):
+        if any(tag in supported_tags and not (native and tag.platform == "any") for tag in tags):
             return True
     return False
 
@@ -119,7 +123,7 @@ def _listed(names: list[str]) -> str:
 # --- days ------------------------------------------------------------------------------------------------------
 
 
-def of_days(cell: Cell, packages: Iterable[str], interpreter: Interpreter, kept: Kept) -> Candidates:
+def of_days(cell: Cell, packages: Iterable[str], interpreter: Interpreter, options: LineOptions) -> Candidates:
     """Return the days on which one of these packages had an upload: their resolution can change on no other day.
 
     Each stands for the end of the day, UTC. The last one is the instant of the cell, if it has one. By the first day,
@@ -128,16 +132,16 @@ def of_days(cell: Cell, packages: Iterable[str], interpreter: Interpreter, kept:
     question, pinned = cell.question, candidate_changes.pins(cell)
     days, first = set(), ""
     for name in packages:
-        for one in index.releases(name, question.index, cutoff=question.snapshot, offline=kept.offline):
-            if one.uploaded and not _unfit(one, interpreter, kept, source=True):
-                days.add(one.uploaded[:10])
-                first = max(first, one.uploaded[:10]) if same(pinned.get(name, ""), one.version) else first
-    found = [_day(day) for day in sorted(days) if day >= first]
-    if found and question.snapshot and found[-1].change.as_of != question.snapshot:
-        if found[-1].name == question.snapshot[:10]:
-            found.pop()
-        found.append(Candidate(name=question.snapshot, change=Change(as_of=question.snapshot)))
-    return Candidates(candidates=tuple(found))
+        for release in index.releases(name, question.index, cutoff=question.snapshot, offline=options.offline):
+            if release.uploaded and not _find_exclusion(release, interpreter, options, source=True):
+                days.add(release.uploaded[:10])
+                first = max(first, release.uploaded[:10]) if same(pinned.get(name, ""), release.version) else first
+    candidates = [_day(day) for day in sorted(days) if day >= first]
+    if candidates and question.snapshot and candidates[-1].change.as_of != question.snapshot:
+        if candidates[-1].name == question.snapshot[:10]:
+            candidates.pop()
+        candidates.append(Candidate(name=question.snapshot, change=Change(as_of=question.snapshot)))
+    return Candidates(candidates=tuple(candidates))
 
 
 def _day(day: str) -> Candidate:
@@ -152,15 +156,15 @@ def of_pythons(cell: Cell) -> Candidates:
     newest: dict[str, Interpreter] = {}
     for one in interpreters.available():
         if one.implementation == "cpython":
-            known = newest.get(one.minor)
-            newest[one.minor] = max(filter(None, (known, one)), key=lambda each: Version(each.version))
-    asked = interpreters.find(cell.python)
-    if asked and asked.implementation == "cpython":
-        newest[asked.minor] = asked
-    ordered = sorted(newest.values(), key=lambda one: Version(one.version))
+            best = newest.get(one.minor)
+            newest[one.minor] = max(filter(None, (best, one)), key=lambda each: Version(each.version))
+    cell_interpreter = interpreters.find(cell.python)
+    if cell_interpreter and cell_interpreter.implementation == "cpython":
+        newest[cell_interpreter.minor] = cell_interpreter
+    ordered = sorted(newest.values(), key=lambda interpreter: Version(interpreter.version))
     return Candidates(
         candidates=tuple(
-            Candidate(name=one.minor, change=Change(python=cell.python if one is asked else one.minor))
+            Candidate(name=one.minor, change=Change(python=cell.python if one is cell_interpreter else one.minor))
             for one in ordered
         )
     )
@@ -215,11 +219,11 @@ def same(name: str, text: str) -> bool:
 
 def _choices(line: Candidates) -> str:
     names = [one.name for one in line.candidates]
-    told = f"there are {_listed(names)}" if names else "there is nothing"
-    return "; ".join((told, *(f"left out as {why}" for why in line.left_out)))
+    listing = f"there are {_listed(names)}" if names else "there is nothing"
+    return "; ".join((listing, *(f"left out as {why}" for why in line.left_out)))
 
 
-def differing(good: Mapping[str, str], bad: Mapping[str, str]) -> tuple[tuple[str, str | None, str | None], ...]:
+def diff_locks(good: Mapping[str, str], bad: Mapping[str, str]) -> tuple[tuple[str, str | None, str | None], ...]:
     """Return the packages that differ between two locks, as (name, good version, bad version); None where absent."""
     names = sorted({*good, *bad})
     return tuple((name, good.get(name), bad.get(name)) for name in names if good.get(name) != bad.get(name))

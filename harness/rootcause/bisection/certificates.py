@@ -11,15 +11,15 @@ import msgspec
 from harness.machine import this_machine
 from harness.machine.store import now
 from harness.model import Cell, Phase, Verdict
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.packages import locks
 from harness.reports.template_files import read_template
 from harness.reports.text import report_markdown
 from harness.rootcause import search
 from harness.rootcause.bench import Bench, Trial
-from harness.rootcause.bisection.bisecting import LOOKING, Bisected, Bisection, Status, Step
-from harness.rootcause.bisection.candidates import Candidate, differing
-from harness.rootcause.bisection.predicate import plain
+from harness.rootcause.bisection.bisecting import LOOKING, Bisection, BisectionResult, Status, Step
+from harness.rootcause.bisection.candidates import Candidate, diff_locks
+from harness.rootcause.bisection.predicate import strip_run_count
 from harness.rootcause.search import Answer, Turn
 
 DATE = "--date"
@@ -128,10 +128,10 @@ class BisectDocument(msgspec.Struct, frozen=True, kw_only=True):
     files: tuple[str, ...] = ()
 
 
-def document(done: Bisected, search_: Bisection, *, left_out: tuple[str, ...], command: str) -> BisectDocument:
+def document(done: BisectionResult, search_: Bisection, *, left_out: tuple[str, ...], command: str) -> BisectDocument:
     """Return the document of a bisection."""
-    here, found, task, bench = this_machine.facts(), done.boundary, search_.task, search_.bench
-    told = done.good is not None and done.bad is not None
+    here, boundary, task, bench = this_machine.facts(), done.boundary, search_.task, search_.bench
+    has_neighbours = done.good is not None and done.bad is not None
     return BisectDocument(
         generated=now(),
         cell=task.cell.id,
@@ -141,11 +141,11 @@ def document(done: Bisected, search_: Bisection, *, left_out: tuple[str, ...], c
         predicate=_predicate(done),
         good=_neighbour(done.good, search_),
         bad=_neighbour(done.bad, search_),
-        between=tuple(one.name for one in found.between) if found and told else (),
-        chain=tuple(_turn(turn, done) for turn in found.chain) if found else (),
+        between=tuple(one.name for one in boundary.between) if boundary and has_neighbours else (),
+        chain=tuple(_turn(turn, done) for turn in boundary.chain) if boundary else (),
         moved=_moved(bench, done.good.trial, done.bad.trial) if done.good and done.bad else (),
-        confidence=round(found.confidence, 6) if found and told else None,
-        flakiness=(round(found.rates[0], 4), round(found.rates[1], 4)) if found else None,
+        confidence=round(boundary.confidence, 6) if boundary and has_neighbours else None,
+        flakiness=(round(boundary.rates[0], 4), round(boundary.rates[1], 4)) if boundary else None,
         ends=(done.line[0].name, done.line[-1].name),
         candidates=len(done.line),
         bound=search.bound(len(done.line)),
@@ -163,7 +163,7 @@ def document(done: Bisected, search_: Bisection, *, left_out: tuple[str, ...], c
     )
 
 
-def _predicate(done: Bisected) -> PredicateEntry | None:
+def _predicate(done: BisectionResult) -> PredicateEntry | None:
     if done.predicate is None:
         return None
     failed = done.predicate.failure
@@ -205,7 +205,7 @@ def _neighbour(step: Step | None, done: Bisection) -> NeighbourEntry | None:
     )
 
 
-def _turn(turn: Turn[Candidate], done: Bisected) -> TurnEntry:
+def _turn(turn: Turn[Candidate], done: BisectionResult) -> TurnEntry:
     failed = done.predicate.failure if done.predicate else None
     bad = f"{failed.phase}: {failed.causes[0] if failed.causes else failed.line}" if failed else "fails"
     words: dict[Hashable, str] = {Answer.GOOD: "works", Answer.BAD: bad}
@@ -221,8 +221,8 @@ def _turn(turn: Turn[Candidate], done: Bisected) -> TurnEntry:
 def _moved(bench: Bench, good: Trial, bad: Trial) -> tuple[MovedEntry, ...]:
     """Return the packages that differ between the locks; none if either neighbour has no lock."""
     old, new = versions(bench, good), versions(bench, bad)
-    found = differing(old, new) if old and new else ()
-    return tuple(MovedEntry(name=name, good=version, bad=other) for name, version, other in found)
+    differences = diff_locks(old, new) if old and new else ()
+    return tuple(MovedEntry(name=name, good=version, bad=other) for name, version, other in differences)
 
 
 def versions(bench: Bench, trial: Trial) -> dict[str, str]:
@@ -230,45 +230,45 @@ def versions(bench: Bench, trial: Trial) -> dict[str, str]:
     if trial.record.lock is None:
         return {}
     text = (bench.store.folder / trial.record.lock).read_text(encoding="utf-8")
-    return {name: version for name, (version, _) in locks.pinned(text).items()}
+    return {name: version for name, (version, _) in locks.read_pins(text).items()}
 
 
 # --- in words --------------------------------------------------------------------------------------------------
 
 
-def claim(done: Bisected, cell: Cell, axis: str) -> str:
+def claim(done: BisectionResult, cell: Cell, axis: str) -> str:
     """Return the result of a bisection in one sentence."""
     good, bad = done.good, done.bad
     if done.status is not Status.FOUND or good is None or bad is None:
-        told = "; ".join(done.told) or "no candidate was found that works"
-        return f"{cell.id}: {done.status} along {axis}: {told}"
+        reasons = "; ".join(done.told) or "no candidate was found that works"
+        return f"{cell.id}: {done.status} along {axis}: {reasons}"
     names = [f"{_thing(axis)} {_last(done, one, axis)}" for one in (good, bad)]
     last, first = ("last", "first") if done.oldest_first else ("first", "last")
     works = good.trial.well if good.trial.works else f"is without this failure ({good.said.words})"
-    failing = plain(bad.trial.failure) or (done.predicate.failure if done.predicate else None)
+    failing = strip_run_count(bad.trial.failure) or (done.predicate.failure if done.predicate else None)
     what = f"fails with {failing.line}" if failing and failing.line else "fails"
     gap = _gap(done)
     return f"{names[0]} is the {last} that {works} and {names[1]} the {first} that {what}{gap}"
 
 
-def _last(done: Bisected, one: Step, axis: str) -> str:
+def _last(done: BisectionResult, neighbour: Step, axis: str) -> str:
     """Return the name of a neighbour. The older one of two days lasts until the day before the next upload."""
     line = [each.name for each in done.line]
-    place, newer = line.index(one.candidate.name), 1 if done.oldest_first else -1
-    older = one is (done.good if done.oldest_first else done.bad)
+    place, newer = line.index(neighbour.candidate.name), 1 if done.oldest_first else -1
+    older = neighbour is (done.good if done.oldest_first else done.bad)
     if axis != DATE or not older or not 0 <= place + newer < len(line):
-        return one.candidate.name
+        return neighbour.candidate.name
     eve = date.fromisoformat(line[place + newer][:10]) - timedelta(days=1)
-    return max(one.candidate.name[:10], eve.isoformat())
+    return max(neighbour.candidate.name[:10], eve.isoformat())
 
 
-def _gap(done: Bisected) -> str:
+def _gap(done: BisectionResult) -> str:
     """Return a phrase on the candidates between the neighbours; empty if there are none."""
-    found = done.boundary
-    if found is None or not found.between:
+    boundary = done.boundary
+    if boundary is None or not boundary.between:
         return ""
-    others = [turn for turn in found.chain if turn.becomes not in set(Answer)]
-    count = number(len(found.between), "candidate")
+    others = [turn for turn in boundary.chain if turn.becomes not in set(Answer)]
+    count = format_count(len(boundary.between), "candidate")
     if others:
         return f"; between them {count} of other failures, the first of {others[0].after.name}: {others[0].becomes}"
     return f"; between them {count} that could not be tested or were not tried"
@@ -278,42 +278,43 @@ def _thing(axis: str) -> str:
     return {DATE: "the index of", "--python": "Python"}.get(axis, axis)
 
 
-def page(made: BisectDocument) -> str:
+def page(certificate: BisectDocument) -> str:
     """Return the certificate as a page, from the template `templates/bisect.md.j2`."""
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
 
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
     environment.filters |= report_markdown.filters()
     template = read_template("bisect.md.j2")
-    said: dict[str, Any] = {name: getattr(made, name) for name in made.__struct_fields__}
-    return environment.from_string(template).render(**said)
+    context: dict[str, Any] = {name: getattr(certificate, name) for name in certificate.__struct_fields__}
+    return environment.from_string(template).render(**context)
 
 
-def lines(made: BisectDocument) -> Iterator[str]:
+def lines(certificate: BisectDocument) -> Iterator[str]:
     """Yield the certificate as lines for a terminal."""
-    yield made.claim
-    if made.predicate:
-        failing = f"the same failure in {made.predicate.phase}" if made.predicate.same else "any failure"
-        yield f"bad is: {failing}{f' ({made.predicate.causes[0]})' if made.predicate.causes else ''}"
-    if len(made.chain) > 1:
+    yield certificate.claim
+    if certificate.predicate:
+        failing = f"the same failure in {certificate.predicate.phase}" if certificate.predicate.same else "any failure"
+        yield f"bad is: {failing}{f' ({certificate.predicate.causes[0]})' if certificate.predicate.causes else ''}"
+    if len(certificate.chain) > 1:
         yield "the chain:"
         yield from (
-            f"  {one.before} -> {one.after}: {one.was}, then {one.becomes}{_untested(one)}" for one in made.chain
+            f"  {one.before} -> {one.after}: {one.was}, then {one.becomes}{_untested(one)}" for one in certificate.chain
         )
-    moved = [f"{one.name} {one.good or 'absent'} -> {one.bad or 'absent'}" for one in made.moved]
+    moved = [f"{one.name} {one.good or 'absent'} -> {one.bad or 'absent'}" for one in certificate.moved]
     if moved:
         yield f"between their locks: {', '.join(moved[:8])}{f' and {len(moved) - 8} more' if len(moved) > 8 else ''}"
-    if made.good:
-        yield from (f"note: {one}" for one in made.told)
-    if made.confidence is not None:
-        yield f"confidence: {made.confidence:.4f}"
-    found = f" ({made.for_an_end} of them for a good end)" if made.for_an_end else ""
-    built = number(made.built, "environment")
-    yield f"{made.asked} asked{found}, {built} built; a binary search asks {made.bound} of {made.candidates} at most"
-    yield from (f"left out: {one}" for one in made.left_out)
-    yield f"repeat it: {made.command}"
-    yield from (f"written: {name}" for name in made.files)
+    if certificate.good:
+        yield from (f"note: {one}" for one in certificate.told)
+    if certificate.confidence is not None:
+        yield f"confidence: {certificate.confidence:.4f}"
+    good_end_text = f" ({certificate.for_an_end} of them for a good end)" if certificate.for_an_end else ""
+    built = format_count(certificate.built, "environment")
+    bound = f"a binary search asks {certificate.bound} of {certificate.candidates} at most"
+    yield f"{certificate.asked} asked{good_end_text}, {built} built; {bound}"
+    yield from (f"left out: {one}" for one in certificate.left_out)
+    yield f"repeat it: {certificate.command}"
+    yield from (f"written: {name}" for name in certificate.files)
 
 
-def _untested(one: TurnEntry) -> str:
-    return f" ({one.untested} between not tested)" if one.untested else ""
+def _untested(turn: TurnEntry) -> str:
+    return f" ({turn.untested} between not tested)" if turn.untested else ""

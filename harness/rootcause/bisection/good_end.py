@@ -38,8 +38,8 @@ class GoodEndSearch:
             if self._answer(place) is Answer.GOOD:
                 return place
         ends = [end for end in (0, self.count - 1) if end != self.bad]
-        found = next((found for end in ends if (found := self._towards(end)) is not None), None)
-        return self._between() if found is None else found
+        good_place = next((good_place for end in ends if (good_place := self._towards(end)) is not None), None)
+        return self._between() if good_place is None else good_place
 
     def untried(self) -> Iterator[tuple[int, int]]:
         """Yield the first and the last place of each range that was not tested."""

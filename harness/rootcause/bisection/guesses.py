@@ -22,8 +22,8 @@ def of_metadata(base: Trial, axis: str, line: Sequence[Candidate], *, offline: b
 
 def _declared(base: Trial, axis: str) -> Iterator[SpecifierSet]:
     """Yield the bounds that the failure names on the package, and those of the packages that are installed."""
-    told = (text for one in base.assessed.failures for text in one.told)
-    yield from failure_hints.bounds(told, {axis}).values()
+    reasons = (text for one in base.assessed.failures for text in one.told)
+    yield from failure_hints.bounds(reasons, {axis}).values()
     if base.record.key:
         yield from site_packages.bounds(cache_folder() / "environments" / base.record.key, axis)
 
@@ -40,10 +40,10 @@ def _within(bounds: Iterable[SpecifierSet], line: Sequence[Candidate]) -> Iterat
 def _of_the_day(base: Trial, axis: str, line: Sequence[Candidate], *, offline: bool) -> Iterator[int]:
     """Yield the newest release on the day of the newest package that the cell asks for beside this one."""
     installed = base.record.installed or {}
-    asked = {name: installed.get(name) for name in candidate_changes.asked_for(base.cell)} | candidate_changes.pins(
+    versions = {name: installed.get(name) for name in candidate_changes.asked_for(base.cell)} | candidate_changes.pins(
         base.cell
     )
-    others = {name: version for name, version in asked.items() if version and name != axis}
+    others = {name: version for name, version in versions.items() if version and name != axis}
     days = [day for name, version in others.items() if (day := _uploaded(base, name, version, offline=offline))]
     if days:
         before = [place for place, one in enumerate(line) if one.uploaded and one.uploaded[:10] <= max(days)]
@@ -51,5 +51,7 @@ def _of_the_day(base: Trial, axis: str, line: Sequence[Candidate], *, offline: b
 
 
 def _uploaded(base: Trial, name: str, version: str, *, offline: bool) -> str | None:
-    found = times.releases(name, base.cell.question.index, None, offline=offline)
-    return next((one.uploaded[:10] for one in found if one.uploaded and Version(one.version) == Version(version)), None)
+    releases = times.releases(name, base.cell.question.index, None, offline=offline)
+    return next(
+        (one.uploaded[:10] for one in releases if one.uploaded and Version(one.version) == Version(version)), None
+    )

@@ -16,7 +16,7 @@ BETTER = frozenset({Outcome.PASSED, Outcome.SKIPPED})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Said:
+class Classification:
     """The answer of a trial, for the search and in words. `why` names a failure other than the one looked for."""
 
     answer: Answer
@@ -43,30 +43,30 @@ class Predicate:
         cause = f", {self.failure.causes[0]}" if self.failure.causes else ""
         return f"the same failure: {self.failure.phase or 'some phase'}{cause}: {self.failure.line}"
 
-    def of(self, trial: Trial) -> Said:
+    def of(self, trial: Trial) -> Classification:
         """Return the answer of a trial."""
-        failed = plain(trial.failure)
+        failed = strip_run_count(trial.failure)
         if failed is None:
             return self._without(trial)
         line = f"{failed.phase}: {failed.line}" if failed.phase else failed.line
         if self.failure is None or self.failure.same(failed):
             flaky = failed.phase is not None and trial.assessed.phases.get(failed.phase) is Outcome.FLAKY
-            return Said(answer=Answer.FLAKY if flaky else Answer.BAD, why=None, words=line)
+            return Classification(answer=Answer.FLAKY if flaky else Answer.BAD, why=None, words=line)
         if self._passed(trial):
-            return Said(answer=Answer.GOOD, why=None, words=f"passes {self.until}; fails later: {line}")
-        known = None if failed.phase in {Phase.RESOLVE, Phase.INSTALL} else _called(failed)
-        return Said(answer=Answer.UNTESTABLE, why=known, words=line)
+            return Classification(answer=Answer.GOOD, why=None, words=f"passes {self.until}; fails later: {line}")
+        cause_key = None if failed.phase in {Phase.RESOLVE, Phase.INSTALL} else _cause_key(failed)
+        return Classification(answer=Answer.UNTESTABLE, why=cause_key, words=line)
 
-    def _without(self, trial: Trial) -> Said:
+    def _without(self, trial: Trial) -> Classification:
         if trial.works:
-            return working(trial)
+            return classify_working(trial)
         if trial.doubtful:
             words = f"works, not verified: {', '.join(trial.assessed.unverified)}"
-            return Said(answer=Answer.UNTESTABLE, why=None, words=words)
+            return Classification(answer=Answer.UNTESTABLE, why=None, words=words)
         if self.failure is not None and self._passed(trial):
-            return Said(answer=Answer.GOOD, why=None, words=f"passes {self.until}")
-        told = f"{trial.assessed.verdict}: {trial.assessed.decisive or 'no line says why'}"
-        return Said(answer=Answer.UNTESTABLE, why=None, words=told)
+            return Classification(answer=Answer.GOOD, why=None, words=f"passes {self.until}")
+        reason = f"{trial.assessed.verdict}: {trial.assessed.decisive or 'no line says why'}"
+        return Classification(answer=Answer.UNTESTABLE, why=None, words=reason)
 
     def _passed(self, trial: Trial) -> bool:
         """Return whether a trial passed the phase that failed, and all phases before it."""
@@ -79,27 +79,27 @@ class Predicate:
         return phases[-1] is Outcome.PASSED and set(phases) <= BETTER and not misleads
 
 
-def working(trial: Trial) -> Said:
+def classify_working(trial: Trial) -> Classification:
     """Return the answer of a trial that does everything requested."""
-    return Said(answer=Answer.GOOD, why=None, words=trial.well)
+    return Classification(answer=Answer.GOOD, why=None, words=trial.well)
 
 
-def plain(failed: Failure | None) -> Failure | None:
+def strip_run_count(failed: Failure | None) -> Failure | None:
     """Return a failure without the count of how often it showed."""
     return replace(failed, line=FLAKY.sub("", failed.line)) if failed else None
 
 
-def _called(failed: Failure) -> str:
+def _cause_key(failed: Failure) -> str:
     """Return a name that is equal for equal failures. Candidates between two equal ones are assumed to share it."""
     return f"{failed.phase}: {failed.causes[0] if failed.causes else CHANGING.sub('…', failed.line)}"
 
 
-def alike(failed: Failure) -> tuple[Phase | None, str]:
+def line_key(failed: Failure) -> tuple[Phase | None, str]:
     """Return a key that differs if the decisive lines differ, whichever known failure both may be."""
     return failed.phase, CHANGING.sub("…", failed.line)
 
 
-def failing(trial: Trial) -> bool:
+def has_package_failure(trial: Trial) -> bool:
     """Return whether a trial failed because of its packages."""
     if trial.assessed.verdict is Verdict.MISLEADS:
         return True

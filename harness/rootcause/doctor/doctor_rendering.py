@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from harness.devices import egl_advice, gl_inventory
-from harness.devices.egl_advice import LIBRARIES, Advice, Drawn, Here
+from harness.devices.egl_advice import LIBRARIES, Advice, DrawingSupport, Prediction
 from harness.devices.egl_rules import OLD_EGL_ID
 from harness.devices.gl_inventory import Answer, Ways
 from harness.model import Level
@@ -56,7 +56,7 @@ class Rendering(msgspec.Struct, frozen=True, kw_only=True):
     recommended: Recommended | None
 
 
-class Looked(msgspec.Struct, frozen=True, kw_only=True):
+class RenderingReport(msgspec.Struct, frozen=True, kw_only=True):
     """The renderers of this machine, with the problems found and the known failures that they lead to."""
 
     findings: tuple[FindingEntry, ...]
@@ -64,36 +64,40 @@ class Looked(msgspec.Struct, frozen=True, kw_only=True):
     rendering: Rendering
 
 
-ASKED = (*egl_advice.VARIABLES, OLD_EGL_ID)
+RENDERING_VARIABLES = (*egl_advice.VARIABLES, OLD_EGL_ID)
 """The variables that have a say."""
 
 
-def here() -> Looked:
+def here() -> RenderingReport:
     """Return the renderers of this machine, with the settings of this shell."""
-    return look(gl_inventory.ways(), {name: os.environ[name] for name in os.environ if name in ASKED})
+    return assess_rendering(
+        gl_inventory.ways(), {name: os.environ[name] for name in os.environ if name in RENDERING_VARIABLES}
+    )
 
 
-def look(ways: Ways, variables: egl_advice.Variables) -> Looked:
+def assess_rendering(ways: Ways, variables: egl_advice.Variables) -> RenderingReport:
     """Return the findings, known failures and recommendation for these renderers and variables."""
-    there = Here(devices=ways.as_devices(), osmesa="missing" not in ways.osmesa, display="missing" not in ways.display)
+    there = DrawingSupport(
+        devices=ways.as_devices(), osmesa="missing" not in ways.osmesa, display="missing" not in ways.display
+    )
     troubles = egl_advice.troubles(variables, there)
-    found = [
-        FindingEntry(check="rendering", level=Level.WARNING, text=egl_advice.told(error, failing, variables))
+    findings = [
+        FindingEntry(check="rendering", level=Level.WARNING, text=egl_advice.describe_error(error, failing, variables))
         for error, failing in troubles.items()
     ]
-    different = egl_advice.apart(variables, there)
+    different = egl_advice.describe_disagreement(variables, there)
     if different:
-        found.append(FindingEntry(check="rendering", level=Level.NOTE, text=different))
-    advice = egl_advice.recommended(variables, there)
-    return Looked(
+        findings.append(FindingEntry(check="rendering", level=Level.NOTE, text=different))
+    advice = egl_advice.recommend(variables, there)
+    return RenderingReport(
         diagnoses=tuple(_diagnoses(troubles)),
-        findings=tuple(found),
+        findings=tuple(findings),
         rendering=Rendering(
             devices=ways.devices,
             egl_missing=ways.egl_missing,
             osmesa=ways.osmesa,
             display=ways.display,
-            settings={name: variables.get(name) for name in ASKED},
+            settings={name: variables.get(name) for name in RENDERING_VARIABLES},
             selected=_selected(egl_advice.outcomes(variables, there)),
             possible=tuple(
                 Possible(setting=typed, selected=_selected(egl_advice.outcomes(those, there, argument)))
@@ -110,7 +114,7 @@ def _recommended(advice: Advice | None) -> Recommended | None:
     return Recommended(variables=dict(advice.variables), unset=advice.unset, reason=advice.reason)
 
 
-def _selected(results: Sequence[Drawn]) -> tuple[Selected, ...]:
+def _selected(results: Sequence[Prediction]) -> tuple[Selected, ...]:
     return tuple(
         Selected(library=who.name, way=one.way, device=one.device, error=one.error)
         for who, one in zip(LIBRARIES, results, strict=True)
@@ -119,46 +123,50 @@ def _selected(results: Sequence[Drawn]) -> tuple[Selected, ...]:
 
 def _diagnoses(troubles: Mapping[str, Sequence[egl_advice.Library]]) -> Iterable[DiagnosisEntry]:
     """Return the known failures that match the predicted errors, each once."""
-    known: dict[str, DiagnosisEntry] = {}
+    diagnoses: dict[str, DiagnosisEntry] = {}
     for error, failing in troubles.items():
         evidence = [matching.Evidence(phase=None, told=(error,))]
         for who in failing:
             installed = {who.library.replace("_", "-"): who.release, "mujoco": who.mujoco}
-            for one in matching.diagnose(shipped_signatures.known(), evidence, matching.Around(installed=installed)):
-                known.setdefault(str(one.signature.id), document.diagnosis_entry(one))
-    return known.values()
+            for diagnosis in matching.diagnose(
+                shipped_signatures.load_all(), evidence, matching.Around(installed=installed)
+            ):
+                diagnoses.setdefault(str(diagnosis.signature.id), document.diagnosis_entry(diagnosis))
+    return diagnoses.values()
 
 
 # --- what is said ----------------------------------------------------------------------------------------------
 
 
-def lines(told: Rendering) -> Iterable[str]:
+def lines(rendering: Rendering) -> Iterable[str]:
     """Yield the table as lines for a terminal."""
     yield "EGL's devices, in EGL's order:"
-    yield from (f"  {place}  {_answer(one)}" for place, one in enumerate(told.devices))
-    if told.egl_missing:
-        yield f"  none: {told.egl_missing}"
-    yield f"OSMesa:  {_answer(told.osmesa)}"
-    yield f"display: {_answer(told.display)}"
+    yield from (f"  {place}  {_answer(one)}" for place, one in enumerate(rendering.devices))
+    if rendering.egl_missing:
+        yield f"  none: {rendering.egl_missing}"
+    yield f"OSMesa:  {_answer(rendering.osmesa)}"
+    yield f"display: {_answer(rendering.display)}"
     yield ""
-    yield "set here: " + (_typed({k: v for k, v in told.settings.items() if v is not None}) or "none of the variables")
+    yield "set here: " + (
+        _typed({k: v for k, v in rendering.settings.items() if v is not None}) or "none of the variables"
+    )
     alike: dict[str, list[str]] = {}
-    for one in told.selected:
-        alike.setdefault(_outcome(one), []).append(one.library)
+    for selection in rendering.selected:
+        alike.setdefault(_outcome(selection), []).append(selection.library)
     yield from (f"  {', '.join(libraries)}: {outcome}" for outcome, libraries in alike.items())
     yield ""
     yield "what each value would select alone, with MUJOCO_GL=egl:"
-    yield from _table(told.possible)
+    yield from _table(rendering.possible)
     yield ""
-    yield f"recommended: {_advice(told.recommended)}"
+    yield f"recommended: {_advice(rendering.recommended)}"
 
 
-def _answer(one: Answer) -> str:
-    kind = [f"CUDA device {one['cuda']}"] if "cuda" in one else []
-    kind += [one["file"]] if "file" in one else []
-    kind += ["software"] if "software" in one else []
-    said = [one[name] for name in ("vendor", "renderer") if name in one]
-    return ", ".join([*said, *kind, *([f"none: {one['missing']}"] if "missing" in one else [])])
+def _answer(answer: Answer) -> str:
+    kind = [f"CUDA device {answer['cuda']}"] if "cuda" in answer else []
+    kind += [answer["file"]] if "file" in answer else []
+    kind += ["software"] if "software" in answer else []
+    names = [answer[name] for name in ("vendor", "renderer") if name in answer]
+    return ", ".join([*names, *kind, *([f"none: {answer['missing']}"] if "missing" in answer else [])])
 
 
 def _typed(variables: dict[str, Any]) -> str:
@@ -167,10 +175,10 @@ def _typed(variables: dict[str, Any]) -> str:
     )
 
 
-def _outcome(one: Selected) -> str:
-    if one.error:
-        return f"fails: {one.error}"
-    return f"EGL device {one.device}" if one.way == "egl" else f"no device: drawn by {one.way}"
+def _outcome(selection: Selected) -> str:
+    if selection.error:
+        return f"fails: {selection.error}"
+    return f"EGL device {selection.device}" if selection.way == "egl" else f"no device: drawn by {selection.way}"
 
 
 def _table(rows: Sequence[Possible]) -> Iterable[str]:
@@ -181,8 +189,8 @@ def _table(rows: Sequence[Possible]) -> Iterable[str]:
         yield ("  " + "  ".join(f"{text:<{width}}" for text, width in zip(line, widths, strict=True))).rstrip()
 
 
-def _short(one: Selected) -> str:
-    return (one.error.partition(":")[0]) if one.error else str(one.device)
+def _short(selection: Selected) -> str:
+    return (selection.error.partition(":")[0]) if selection.error else str(selection.device)
 
 
 def _advice(advice: Recommended | None) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from harness.judging.failure_texts import KILLED, written
+from harness.judging.failure_texts import KILLED, extract_texts
 from harness.machine import process, this_machine
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import Store
@@ -22,7 +22,7 @@ from harness.probes.evidence import REPLY, Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault
 from harness.rootcause.doctor import doctor_rendering
-from harness.rootcause.doctor.doctor_rendering import Looked
+from harness.rootcause.doctor.doctor_rendering import RenderingReport
 from harness.running import case_run
 from harness.running.shipped_signatures import texts
 from harness.standalone import adapters
@@ -31,7 +31,7 @@ from harness.standalone.doctor.declared import NOTE, WARNING, Finding
 from harness.standalone.doctor.differences import versions
 from harness.standalone.keys import SIMULATORS
 from harness.standalone.matching import Evidence
-from harness.standalone.running import Ran
+from harness.standalone.running import ProcessResult
 
 MEMORY_MB = 64_000
 OUTPUT_KB = 1024
@@ -39,7 +39,7 @@ LOOKED_AT = {"gymnasium": "gymnasium", "mujoco": "MuJoCo", "robosuite": "robosui
 """Installed packages, and how the libraries are called that are held against this machine's devices."""
 
 
-def run(argv: Sequence[str], variables: Mapping[str, str], folder: str, seconds: float) -> Ran:
+def run(argv: Sequence[str], variables: Mapping[str, str], folder: str, seconds: float) -> ProcessResult:
     """Run a command with these variables in a folder, under the supervisor. `seconds` is its time limit."""
     with scratch_folder() as scratch:
         log = scratch / "log"
@@ -56,7 +56,7 @@ def run(argv: Sequence[str], variables: Mapping[str, str], folder: str, seconds:
         output = log.read_text(encoding="utf-8", errors="replace") if log.is_file() else ""
     name = signal.Signals(done.signal).name if done.signal else None
     trouble = "" if done.killed is None else f"\n{done.killed}"
-    return Ran(done.exit_code, name, done.timed_out, output + trouble)
+    return ProcessResult(done.exit_code, name, done.timed_out, output + trouble)
 
 
 class Tried(msgspec.Struct, frozen=True, kw_only=True):
@@ -70,25 +70,25 @@ class Tried(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(kw_only=True, slots=True)
-class Looks:
+class HostInspection:
     """The inspections that only the host can do. `tried` and `drawn` are set once `more` was called."""
 
     env: str | None
     rendering: bool
     api: str | None = None
     tried: Tried | None = None
-    drawn: Looked | None = None
+    drawn: RenderingReport | None = None
     seen: list[Evidence] = field(default_factory=list)
 
     def more(self, choice: Choice, facts: Mapping[str, Any]) -> tuple[list[Finding], list[Evidence]]:
         """Return findings, and evidence to match against known failures."""
-        found: list[Finding] = []
+        findings: list[Finding] = []
         if self.rendering:
             self.drawn = doctor_rendering.here()
-            found += _rendering(self.drawn, versions(facts))
+            findings += _rendering(self.drawn, versions(facts))
         if self.env is not None:
-            found += self._stepped(self.env, facts)
-        return found, self.seen
+            findings += self._stepped(self.env, facts)
+        return findings, self.seen
 
     def _stepped(self, env: str, facts: Mapping[str, Any]) -> list[Finding]:
         try:
@@ -106,7 +106,7 @@ class Looks:
         return [Finding(f"env.{where}", WARNING, self.tried.said)] if where else []
 
 
-def _rendering(looked: Looked, installed: Mapping[str, str]) -> list[Finding]:
+def _rendering(looked: RenderingReport, installed: Mapping[str, str]) -> list[Finding]:
     """Return the rendering findings. One that names none of the installed libraries becomes a note."""
     names = [name for package, name in LOOKED_AT.items() if package in installed]
     return [
@@ -130,7 +130,7 @@ def _case(env: str, api: str | None, installed: Mapping[str, str]) -> Case:
         raise _Unmade(message)
     pins = tuple(sorted(pins, key=lambda pin: pin.startswith("gym==")))
     brought = next((name for name in ("gymnasium", "gym") if name in installed), None)
-    (case,) = plan.cases_for(plan.Asked(requirements=pins, python="host", envs=(env,), api=api, brought=brought))
+    (case,) = plan.cases_for(plan.TrialOptions(requirements=pins, python="host", envs=(env,), api=api, brought=brought))
     package = adapters.package(case.api)
     if package not in installed and case.api in {"gym", "gymnasium"}:
         message = f"{package} is not installed"
@@ -151,7 +151,7 @@ def _context(store: Store, facts: Mapping[str, Any], scratch: Path, until: Phase
         laboratory=Laboratory(
             vault=Vault(store.folder),
             site=lambda: site,
-            host=Host(python=python["version"], undrawable=this_machine.undrawable(os.environ)),
+            host=Host(python=python["version"], undrawable=this_machine.explain_undrawable(os.environ)),
             places={},
         ),
         identity=("doctor", str(prefix)),
@@ -161,24 +161,24 @@ def _context(store: Store, facts: Mapping[str, Any], scratch: Path, until: Phase
 
 
 def _tried(env: str, case: Case, record: CaseRecord) -> Tried:
-    phases = {str(one.phase): str(one.outcome) for one in record.phases if one.outcome in TOLD}
+    phases = {str(one.phase): str(one.outcome) for one in record.phases if one.outcome in REPORTED_OUTCOMES}
     failed = next((one for one in record.phases if one.outcome not in PASSING), None)
     if failed is None:
-        said = f"{env} was made and stepped in this environment ({', '.join(phases)} passed)"
+        sentence = f"{env} was made and stepped in this environment ({', '.join(phases)} passed)"
     else:
-        said = f"{env}: {failed.phase} {failed.outcome}: {failed.decisive or 'no line says why'}"
-    return Tried(env=env, api=case.api, phases=phases, decisive=failed.decisive if failed else None, said=said)
+        sentence = f"{env}: {failed.phase} {failed.outcome}: {failed.decisive or 'no line says why'}"
+    return Tried(env=env, api=case.api, phases=phases, decisive=failed.decisive if failed else None, said=sentence)
 
 
-TOLD = frozenset(Outcome) - {Outcome.NOT_REACHED, Outcome.SKIPPED}
+REPORTED_OUTCOMES = frozenset(Outcome) - {Outcome.NOT_REACHED, Outcome.SKIPPED}
 PASSING = frozenset({Outcome.PASSED, Outcome.SKIPPED, Outcome.NOT_REACHED})
 
 
 def _seen(phase: PhaseRecord, store: Store) -> Evidence:
     """Return the errors of a failed phase with their tracebacks, to match against known failures."""
     lines = (phase.decisive, *(check.decisive for check in phase.checks))
-    kept = texts(store.folder / phase.evidence) if phase.evidence else {}
-    words = written({name: text for name, text in kept.items() if name == REPLY}, phase.phase)
-    told = tuple(dict.fromkeys(filter(None, (*lines, *words))))
-    killed = next((found[1] for line in told if (found := KILLED.search(line))), None)
-    return Evidence(phase=str(phase.phase), told=told, signal=killed)
+    evidence_texts = texts(store.folder / phase.evidence) if phase.evidence else {}
+    words = extract_texts({name: text for name, text in evidence_texts.items() if name == REPLY}, phase.phase)
+    reasons = tuple(dict.fromkeys(filter(None, (*lines, *words))))
+    killed = next((signal_match[1] for line in reasons if (signal_match := KILLED.search(line))), None)
+    return Evidence(phase=str(phase.phase), told=reasons, signal=killed)

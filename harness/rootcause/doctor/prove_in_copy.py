@@ -44,18 +44,20 @@ class Proof(msgspec.Struct, frozen=True, kw_only=True):
     left_out: tuple[str, ...] = ()
 
 
-def proof(made: Mapping[str, Any], *, env: str | None, offline: bool) -> Proof:
+def proof(document: Mapping[str, Any], *, env: str | None, offline: bool) -> Proof:
     """Try the changes that lead to the nearest known-good combination. Raises CouldNotTell."""
-    near = made["nearest"]
+    near = document["nearest"]
     if near is None or not near["changes"]:
         text = "nothing is to be proven: " + ("no change is known" if near is None else "no version has to change")
         return Proof(proven=False, text=text)
-    told = made["environment"]
+    environment = document["environment"]
     changed = {one["name"]: one["then"] for one in near["changes"]}
-    python = _python(told)
+    python = _python(environment)
     opened = store.open_store()
     as_of = opened.instant(plan.TRY_MATRIX, hours=REUSED_FOR_HOURS)
-    installed = {name: version.partition("+")[0] for name, version in told["packages"].items() if is_version(version)}
+    installed = {
+        name: version.partition("+")[0] for name, version in environment["packages"].items() if is_version(version)
+    }
     with (
         progress.Progress(2, 1, publishing.headline) as board,
         Bench(opened, Settings(offline=offline), board) as bench,
@@ -69,12 +71,14 @@ def proof(made: Mapping[str, Any], *, env: str | None, offline: bool) -> Proof:
     return _proof(before, after, left_out)
 
 
-def _python(told: Mapping[str, Any]) -> str:
-    found = interpreters.find(told["executable"] or told["python"])
-    if found is None:
-        message = f"doctor --prove: no environment can be made with {told['python']}; a Python from 3.7 on is needed"
+def _python(environment: Mapping[str, Any]) -> str:
+    interpreter = interpreters.find(environment["executable"] or environment["python"])
+    if interpreter is None:
+        message = (
+            f"doctor --prove: no environment can be made with {environment['python']}; a Python from 3.7 on is needed"
+        )
         raise CouldNotTell(message)
-    return found.path
+    return interpreter.path
 
 
 class _Copies:
@@ -89,17 +93,17 @@ class _Copies:
         Return the trial, and the packages left to the resolver.
         """
         pins = {name: f"{name}=={version}" for name, version in versions.items() if name not in NOT_COPIED}
-        asked = [pins[name] for name in pins if name in SIMULATORS or name in changed or weight(name)]
-        trial = self.bench.measure(self._cell(asked, list(pins.values())), keep=True)
+        requirements = [pins[name] for name in pins if name in SIMULATORS or name in changed or weight(name)]
+        trial = self.bench.measure(self._cell(requirements, list(pins.values())), keep=True)
         if trial.assessed.verdict is not Verdict.UNRESOLVABLE:
             return trial, ()
-        kept = {name for name in pins if name in SIMULATORS or name in changed}
-        again = self.bench.measure(self._cell([pins[name] for name in pins if name in kept], []), keep=True)
-        return again, tuple(sorted(set(pins) - kept))
+        essentials = {name for name in pins if name in SIMULATORS or name in changed}
+        again = self.bench.measure(self._cell([pins[name] for name in pins if name in essentials], []), keep=True)
+        return again, tuple(sorted(set(pins) - essentials))
 
     def _cell(self, requirements: Sequence[str], constraints: Sequence[str]) -> Cell:
         version = interpreters.find(self.python)
-        asked = plan.Asked(
+        request = plan.TrialOptions(
             requirements=tuple(requirements),
             constraints=tuple(constraints),
             python=version.version if version else "host",
@@ -108,7 +112,7 @@ class _Copies:
             instant=self.as_of,
             interpreter=self.python,
         )
-        return plan.single(asked).cells[0]
+        return plan.single(request).cells[0]
 
 
 PASSED = ("MUJOCO_GL", "PYOPENGL_PLATFORM")
@@ -119,20 +123,20 @@ NOT_COPIED = frozenset({"pip", "setuptools", "wheel"})
 
 def _proof(before: Trial, after: Trial, left_out: tuple[str, ...]) -> Proof:
     works = after.works and not before.works
-    said = f"without the changes a copy {_said(before)}; with them it {_said(after)}"
+    sentence = f"without the changes a copy {_describe_trial(before)}; with them it {_describe_trial(after)}"
     if after.works and before.works:
-        said = "a copy works with the changes, and without them, too: what was tried shows no fault of the versions"
+        sentence = "a copy works with the changes, and without them, too: what was tried shows no fault of the versions"
     beside = f" ({len(left_out)} other packages were left to the resolver)" if left_out else ""
     return Proof(
         proven=works,
-        text=("proven: " if works else "not proven: ") + said + beside,
+        text=("proven: " if works else "not proven: ") + sentence + beside,
         before=_copied(before),
         after=_copied(after),
         left_out=left_out,
     )
 
 
-def _said(trial: Trial) -> str:
+def _describe_trial(trial: Trial) -> str:
     if trial.works:
         passed = [phase for phase, how in trial.assessed.phases.items() if how == "passed"]
         return f"works ({', '.join(passed)})"
@@ -148,9 +152,9 @@ def _copied(trial: Trial) -> Copied:
     )
 
 
-def lines(made: Proof) -> Iterable[str]:
+def lines(result: Proof) -> Iterable[str]:
     """Yield the proof as lines for a terminal."""
-    yield made.text
-    for name, copy in (("without", made.before), ("with", made.after)):
+    yield result.text
+    for name, copy in (("without", result.before), ("with", result.after)):
         if copy:
             yield f"  {name}: {', '.join(copy.requirements)}"

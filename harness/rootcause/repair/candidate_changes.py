@@ -61,26 +61,26 @@ REPLACING = ("requirements", "constraints", "overrides", "build_constraints")
 """Lists of requirements: a later one on a package replaces an earlier."""
 
 
-def together(one: Change, other: Change) -> Change:
+def merge_changes(first: Change, other: Change) -> Change:
     """Return both changes as one. If they disagree, the other one wins."""
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for each in fields(Change):
-        old, new = getattr(one, each.name), getattr(other, each.name)
+        old, new = getattr(first, each.name), getattr(other, each.name)
         if each.name in REPLACING:
             names = set(map(required_name, new))
-            found[each.name] = (*(line for line in old if required_name(line) not in names), *new)
+            values[each.name] = (*(line for line in old if required_name(line) not in names), *new)
         elif isinstance(old, tuple):
-            found[each.name] = tuple(dict.fromkeys((*old, *new)))
+            values[each.name] = tuple(dict.fromkeys((*old, *new)))
         elif isinstance(old, Mapping):
-            found[each.name] = {**old, **new}
+            values[each.name] = {**old, **new}
         else:
-            found[each.name] = new or old
-    return Change(**found)
+            values[each.name] = new or old
+    return Change(**values)
 
 
 def parts(change: Change) -> tuple[Change, ...]:
     """Return the smallest changes that a change consists of."""
-    found: list[Change] = []
+    pieces: list[Change] = []
     for each in fields(Change):
         value = getattr(change, each.name)
         single: Iterable[Any] = ()
@@ -90,22 +90,24 @@ def parts(change: Change) -> tuple[Change, ...]:
             single = [{name: text} for name, text in value.items()]
         elif value:
             single = [value]
-        found += [Change(**{each.name: one}) for one in single]
-    return tuple(found)
+        pieces += [Change(**{each.name: one}) for one in single]
+    return tuple(pieces)
 
 
 def kinds(change: Change) -> tuple[Change, ...]:
     """Return one change for each kind that a change has: all of its constraints, all of its variables, ..."""
-    found = (Change(**{each.name: getattr(change, each.name)}) for each in fields(Change) if getattr(change, each.name))
-    return tuple(found)
+    groups = (
+        Change(**{each.name: getattr(change, each.name)}) for each in fields(Change) if getattr(change, each.name)
+    )
+    return tuple(groups)
 
 
-def of_parts(found: Iterable[Change]) -> Change:
+def of_parts(pieces: Iterable[Change]) -> Change:
     """Return the change that consists of these parts."""
-    made = Change()
-    for part in found:
-        made = together(made, part)
-    return made
+    change = Change()
+    for part in pieces:
+        change = merge_changes(change, part)
+    return change
 
 
 def without(change: Change, part: Change) -> Change:
@@ -116,7 +118,7 @@ def without(change: Change, part: Change) -> Change:
 
 def in_words(change: Change) -> str:
     """Return the effect of a change in a few words."""
-    return "; ".join(changes.described(change)) or "nothing"
+    return "; ".join(changes.describe(change)) or "nothing"
 
 
 def empty(change: Change) -> bool:
@@ -129,18 +131,18 @@ def empty(change: Change) -> bool:
 
 def pins(cell: Cell) -> dict[str, str]:
     """Return the packages that the cell pins, with their versions."""
-    found = {}
+    versions = {}
     for line in (*cell.question.requirements, *cell.question.constraints):
         version = _exact(parsed_requirement(line).specifier)
         if version:
-            found[required_name(line)] = version
-    return found
+            versions[required_name(line)] = version
+    return versions
 
 
 def _exact(specifier: SpecifierSet) -> str | None:
-    one = list(specifier)
-    exact = len(one) == 1 and one[0].operator in {"==", "==="} and not one[0].version.endswith(".*")
-    return str(one[0].version) if exact else None
+    clauses = list(specifier)
+    exact = len(clauses) == 1 and clauses[0].operator in {"==", "==="} and not clauses[0].version.endswith(".*")
+    return str(clauses[0].version) if exact else None
 
 
 def asked_for(cell: Cell) -> tuple[str, ...]:
@@ -148,23 +150,25 @@ def asked_for(cell: Cell) -> tuple[str, ...]:
     return tuple(dict.fromkeys(map(required_name, cell.question.requirements)))
 
 
-def moved(before: Cell, after: Cell) -> tuple[str, ...]:
+def find_replaced_packages(before: Cell, after: Cell) -> tuple[str, ...]:
     """Return the packages whose requirements or bounds, written by the user, were replaced by others."""
 
-    def said(cell: Cell) -> dict[str, set[str]]:
+    def collect_bounds(cell: Cell) -> dict[str, set[str]]:
         found: dict[str, set[str]] = {}
         for line in (*cell.question.requirements, *cell.question.constraints):
             texts = {str(each) for each in parsed_requirement(line).specifier}
             found.setdefault(required_name(line), set()).update(texts)
         return found
 
-    kept = said(after)
+    new_bounds = collect_bounds(after)
 
     def gone(name: str, texts: set[str]) -> bool:
-        now = SpecifierSet(",".join(kept.get(name, ())))
-        return any(text not in kept.get(name, ()) and str(tidy(now & SpecifierSet(text))) != str(now) for text in texts)
+        now = SpecifierSet(",".join(new_bounds.get(name, ())))
+        return any(
+            text not in new_bounds.get(name, ()) and str(tidy(now & SpecifierSet(text))) != str(now) for text in texts
+        )
 
-    return tuple(name for name, texts in said(before).items() if gone(name, texts))
+    return tuple(name for name, texts in collect_bounds(before).items() if gone(name, texts))
 
 
 def constraint(cell: Cell, name: str, bound: str) -> str:
@@ -172,13 +176,13 @@ def constraint(cell: Cell, name: str, bound: str) -> str:
     lines = [line for line in cell.question.constraints if required_name(line) == name]
     own = [parsed_requirement(line) for line in lines]
     specifiers = SpecifierSet(bound)
-    for one in own:
-        if one.marker is None:
-            specifiers &= one.specifier
+    for requirement in own:
+        if requirement.marker is None:
+            specifiers &= requirement.specifier
     return f"{name}{specifiers}"
 
 
-def released(cell: Cell, name: str, bound: str) -> Change:
+def change_release(cell: Cell, name: str, bound: str) -> Change:
     """Return the change to other versions of a package: a requirement if the cell requires it, else a constraint."""
     if name in asked_for(cell):
         return Change(requirements=(f"{name}{bound}",))
@@ -188,33 +192,37 @@ def released(cell: Cell, name: str, bound: str) -> Change:
 # --- known failures --------------------------------------------------------------------------------------------
 
 
-def known(cell: Cell, found: Iterable[Diagnosis]) -> Iterator[Move]:
+def propose_remedies(cell: Cell, diagnoses: Iterable[Diagnosis]) -> Iterator[Move]:
     """Yield the remedies of the known failures that fit, in their order: the deepest cause first, masks last.
 
     The user's own bounds are kept. A remedy that contradicts them counts as another version of what is asked for.
     """
-    for one in found:
-        change = one.signature.remedy.change
+    for diagnosis in diagnoses:
+        change = diagnosis.signature.remedy.change
         if change:
-            made, contrary = beside(cell, change)
-            yield Move(change=made, way=Way.PINS if contrary else Way.KNOWN, why=f"the remedy of {one.signature.id}")
+            combined_change, contrary = merge_with_bounds(cell, change)
+            yield Move(
+                change=combined_change,
+                way=Way.PINS if contrary else Way.KNOWN,
+                why=f"the remedy of {diagnosis.signature.id}",
+            )
 
 
-def beside(cell: Cell, change: Change) -> tuple[Change, bool]:
+def merge_with_bounds(cell: Cell, change: Change) -> tuple[Change, bool]:
     """Return the change with the cell's bounds on the same packages, and whether it contradicts one of them."""
-    made, contrary = [replace(change, requirements=(), constraints=())], False
-    asked = {required_name(line): line for line in cell.question.requirements}
+    pieces, contrary = [replace(change, requirements=(), constraints=())], False
+    requirements = {required_name(line): line for line in cell.question.requirements}
     bounds = {required_name(line): line for line in cell.question.constraints}
     for line in (*change.requirements, *change.constraints):
         name, plain = required_name(line), line in change.constraints
-        old = [parsed_requirement(lines[name]) for lines in (asked, bounds) if name in lines]
+        old = [parsed_requirement(lines[name]) for lines in (requirements, bounds) if name in lines]
         both, clash = _both(line, old)
         contrary = contrary or clash
         if both is None:
             continue
-        as_bound = plain and (name not in asked or not clash)
-        made.append(Change(constraints=(both,)) if as_bound else Change(requirements=(both,)))
-    return of_parts(made), contrary or bool(set(change.uninstall) & set(asked))
+        as_bound = plain and (name not in requirements or not clash)
+        pieces.append(Change(constraints=(both,)) if as_bound else Change(requirements=(both,)))
+    return of_parts(pieces), contrary or bool(set(change.uninstall) & set(requirements))
 
 
 def _both(line: str, old: Sequence[ParsedRequirement]) -> tuple[str | None, bool]:
@@ -223,8 +231,8 @@ def _both(line: str, old: Sequence[ParsedRequirement]) -> tuple[str | None, bool
     if new.marker or not old or new.url:
         return line, False
     specifier, extras = SpecifierSet(), {extra for one in old for extra in one.extras}
-    for one in old:
-        specifier &= one.specifier
+    for requirement in old:
+        specifier &= requirement.specifier
     both = specifier & new.specifier
     clash = both.is_unsatisfiable()
     exact = _exact(specifier)
@@ -252,10 +260,10 @@ def bound(good: str, bad: str) -> str:
 
 def short(version: str) -> str:
     """Return a version without the zeros at its end."""
-    found = Version(version)
-    if found.is_prerelease or found.is_postrelease or found.local or found.epoch:
+    parsed_version = Version(version)
+    if parsed_version.is_prerelease or parsed_version.is_postrelease or parsed_version.local or parsed_version.epoch:
         return version
-    numbers = list(found.release)
+    numbers = list(parsed_version.release)
     while len(numbers) > 1 and numbers[-1] == 0:
         numbers.pop()
     return ".".join(map(str, numbers))

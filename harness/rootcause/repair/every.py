@@ -12,14 +12,14 @@ from harness.matrix import changes
 from harness.model import Cell, CellRecord, Change
 from harness.model.vocabulary import required_name
 from harness.rootcause.repair.lab import Lab
-from harness.rootcause.repair.repairing import Repaired, Search, Status
+from harness.rootcause.repair.repairing import RepairResult, Search, Status
 from harness.running import shipped_signatures
 
 REPAIR = "repair"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Solved:
+class SolvedCause:
     """A cause that was investigated, and the change that cures it; None if nothing does."""
 
     failed: Failure
@@ -28,11 +28,11 @@ class Solved:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Ended:
+class RepairedCell:
     """One red cell, and the result of its repair."""
 
     cell: Cell
-    repaired: Repaired
+    repaired: RepairResult
     lab: Lab
 
     @property
@@ -46,12 +46,12 @@ class Ended:
         return replace(record, cell=replace(record.cell, id=name, tried=tried))
 
 
-def every(records: Iterable[CellRecord], opened: Store, lab: Callable[[Cell], Lab]) -> Iterator[Ended]:
+def every(records: Iterable[CellRecord], opened: Store, lab: Callable[[Cell], Lab]) -> Iterator[RepairedCell]:
     """Repair the red cells among these, expected or not. `lab` makes a place to try changes for each."""
-    solved: list[Solved] = []
-    known = shipped_signatures.beside(opened.folder)
+    solved: list[SolvedCause] = []
+    signatures = shipped_signatures.beside(opened.folder)
     for record in records:
-        failed = assess(record, known).failure
+        failed = assess(record, signatures).failure
         if failed is None or record.cell.base:
             continue
         names = frozenset(map(required_name, record.cell.question.requirements))
@@ -61,16 +61,16 @@ def every(records: Iterable[CellRecord], opened: Store, lab: Callable[[Cell], La
         if repaired is None:
             continue
         if repaired.status is Status.FOUND or not alike:
-            solved.append(Solved(failed=failed, names=names, change=repaired.change))
-        yield Ended(cell=record.cell, repaired=repaired, lab=place)
+            solved.append(SolvedCause(failed=failed, names=names, change=repaired.change))
+        yield RepairedCell(cell=record.cell, repaired=repaired, lab=place)
 
 
-def _again(place: Lab, changes: Iterable[Change]) -> Repaired | None:
+def _again(place: Lab, changes: Iterable[Change]) -> RepairResult | None:
     """Try remedies of the same cause on this cell, then search for its own. None if the cause has no remedy."""
     tried = False
     for change in changes:
         tried = True
-        found = Search(place).proven(change)
-        if found:
-            return found
+        result = Search(place).proven(change)
+        if result:
+            return result
     return Search(place).run() if tried else None

@@ -34,12 +34,12 @@ PROVIDERS = {
 
 def missing_modules(evidence: Iterable[Evidence]) -> tuple[str, ...]:
     """Return the top-level modules that were not found; those in the lines that say why come first."""
-    found: dict[str, None] = {}
-    told = list(evidence)
-    for texts in (*(one.told for one in told), *(one.logs for one in told)):
+    modules: dict[str, None] = {}
+    evidence_list = list(evidence)
+    for texts in (*(one.told for one in evidence_list), *(one.logs for one in evidence_list)):
         for text in texts:
-            found |= dict.fromkeys(match[1].partition(".")[0] for match in NO_MODULE.finditer(text))
-    return tuple(found)
+            modules |= dict.fromkeys(match[1].partition(".")[0] for match in NO_MODULE.finditer(text))
+    return tuple(modules)
 
 
 def providers(module: str, declared: Iterable[str]) -> tuple[str, ...]:
@@ -49,7 +49,7 @@ def providers(module: str, declared: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*([PROVIDERS[module]] if module in PROVIDERS else []), *named)))
 
 
-def brought(cell: Cell, requirement: str) -> Change:
+def add_requirement(cell: Cell, requirement: str) -> Change:
     """Return the change that adds a package, or bounds one that is required already."""
     name, bound = required_name(requirement), str(parsed_requirement(requirement).specifier)
     if name in asked_for(cell):
@@ -57,19 +57,19 @@ def brought(cell: Cell, requirement: str) -> Change:
     return Change(requirements=(requirement,))
 
 
-def told_to_install(cell: Cell, evidence: Iterable[Evidence]) -> Iterator[Change]:
+def find_suggested_installs(cell: Cell, evidence: Iterable[Evidence]) -> Iterator[Change]:
     """Yield the installs that an error suggests: an extra of a required package, or a well-known package."""
-    asked = {required_name(line): line for line in cell.question.requirements}
-    for one in evidence:
-        for text in one.told:
+    requirements = {required_name(line): line for line in cell.question.requirements}
+    for item in evidence:
+        for text in item.told:
             for match in PIP_INSTALL.finditer(text):
                 wanted = parsed_requirement(match[1])
                 name = required_name(match[1])
-                if name in asked and wanted.extras:
-                    old = parsed_requirement(asked[name])
+                if name in requirements and wanted.extras:
+                    old = parsed_requirement(requirements[name])
                     extras = ",".join(sorted({*old.extras, *wanted.extras}))
                     yield Change(requirements=(f"{name}[{extras}]{old.specifier}",))
-                elif name not in asked and name in {required_name(each) for each in PROVIDERS.values()}:
+                elif name not in requirements and name in {required_name(each) for each in PROVIDERS.values()}:
                     yield Change(requirements=(match[1],))
 
 
@@ -81,12 +81,12 @@ BOUND = re.compile(r"\b([A-Za-z][\w.-]*?)(?:\[[\w.,-]+\])?\s?((?:(?:[<>]=?|==|~=
 
 def bounds(texts: Iterable[str], names: Collection[str]) -> dict[str, SpecifierSet]:
     """Return the bounds that texts name on these packages. The first bound on a package counts."""
-    found: dict[str, SpecifierSet] = {}
+    specifiers: dict[str, SpecifierSet] = {}
     for text in texts:
         for name, bound in named_bounds(text):
             if name in names:
-                found.setdefault(name, bound)
-    return found
+                specifiers.setdefault(name, bound)
+    return specifiers
 
 
 def all_bounds(text: str, name: str) -> tuple[SpecifierSet, ...]:
@@ -105,10 +105,10 @@ def named_bounds(text: str) -> Iterator[tuple[str, SpecifierSet]]:
                 yield name, specifier
 
 
-def refused(texts: Iterable[str], versions: Mapping[str, str]) -> dict[str, SpecifierSet]:
+def find_unmet_bounds(texts: Iterable[str], versions: Mapping[str, str]) -> dict[str, SpecifierSet]:
     """Return the bounds that texts name and that these versions do not meet."""
-    found = bounds(texts, versions)
-    return {name: bound for name, bound in found.items() if not bound.contains(versions[name], prereleases=True)}
+    specifiers = bounds(texts, versions)
+    return {name: bound for name, bound in specifiers.items() if not bound.contains(versions[name], prereleases=True)}
 
 
 def written(bound: SpecifierSet) -> str:
@@ -132,12 +132,12 @@ IMPORTED_AS = {
 def suspects(names: Iterable[str], evidence: Iterable[Evidence]) -> tuple[str, ...]:
     """Return the packages, those in the lines that say why first, then by how often the logs name them."""
     shown = list(evidence)
-    told = "\n".join(text for one in shown for text in one.told)
+    reasons = "\n".join(text for one in shown for text in one.told)
     logs = "\n".join(text for one in shown for text in one.logs)
 
     def rank(name: str) -> tuple[int, int, str]:
         pattern = re.compile(rf"\b{re.escape(IMPORTED_AS.get(name, name.replace('-', '_')))}\b", re.IGNORECASE)
-        return -min(len(pattern.findall(told)), 1), -len(pattern.findall(logs)), name
+        return -min(len(pattern.findall(reasons)), 1), -len(pattern.findall(logs)), name
 
     return tuple(sorted(names, key=rank))
 

@@ -75,19 +75,19 @@ class Lab:
         """Return the cell with a change. Raises ValueError if no recipe repairs a package of its overlay."""
         if candidate_changes.empty(change):
             return self.base
-        made = changes.applied(self.base, change, self.recipes)
+        changed_cell = changes.apply(self.base, change, self.recipes)
         tried = Tried(name="repair", reason="a remedy is looked for", change=change, proving=True)
         return replace(
-            made,
+            changed_cell,
             id=_id(self.base, change),
             base=self.base.id,
             tried=tried,
             expect=None,
         )
 
-    def same(self, one: Change, other: Change) -> bool:
+    def same(self, first: Change, other: Change) -> bool:
         """Return whether two changes make the same cell. Raises ValueError as `cell` does."""
-        return changes.same(self.cell(one), self.cell(other))
+        return changes.same(self.cell(first), self.cell(other))
 
     def measure(self, change: Change, why: str, *, again: bool = False) -> Trial:
         """Measure the cell with a change, or take its stored result. Raises Spent, and ValueError as `cell` does."""
@@ -97,7 +97,7 @@ class Lab:
             return before
         trial = self.bench.measure(cell, again=again)
         self.runs.append(Run(change=change, why=why, trial=trial, until=self.until))
-        self.observer.say(f"run {len(self.runs)}: {why}: {ended(trial, self.until)} ({trial.seconds:.1f} s)")
+        self.observer.say(f"run {len(self.runs)}: {why}: {describe_result(trial, self.until)} ({trial.seconds:.1f} s)")
         return trial
 
     def _tells(self, run: Run) -> bool:
@@ -152,7 +152,7 @@ def _id(cell: Cell, change: Change) -> str:
 # --- what came of it -------------------------------------------------------------------------------------------
 
 
-def weaker(before: Trial, after: Trial) -> str | None:
+def find_lost_check(before: Trial, after: Trial) -> str | None:
     """Return why a working cell shows less than the one before: a check that ran there does not pass now; else None."""
     ended = _checks(after)
     for (case, check), outcome in _checks(before).items():
@@ -182,7 +182,7 @@ def passes(trial: Trial, until: Phase) -> bool:
     return Outcome.PASSED in ended and ended <= {Outcome.PASSED, Outcome.SKIPPED}
 
 
-def ended(trial: Trial, until: Phase) -> str:
+def describe_result(trial: Trial, until: Phase) -> str:
     """Return the result of a run in a few words."""
     if passes(trial, until) and until is not Phase.SUITE:
         return f"passes {until}"
@@ -194,17 +194,17 @@ def ended(trial: Trial, until: Phase) -> str:
     return f"{trial.assessed.verdict}{failed}"
 
 
-def further(before: Trial, after: Trial) -> bool:
+def fails_further(before: Trial, after: Trial) -> bool:
     """Return whether a cell fails differently from the one before, and not in an earlier phase.
 
     Two messages of the resolver about the same packages are one failure, however they are worded.
     """
-    one, other = before.failure, after.failure
-    if one is None or other is None or one.same(other):
+    failure, other = before.failure, after.failure
+    if failure is None or other is None or failure.same(other):
         return False
-    if one.phase is other.phase is Phase.RESOLVE:
-        return _conflicts(one).isdisjoint(_conflicts(other)) and bool(_conflicts(other))
-    places = [ORDER.index(each.phase) if each.phase else 0 for each in (one, other)]
+    if failure.phase is other.phase is Phase.RESOLVE:
+        return _conflicts(failure).isdisjoint(_conflicts(other)) and bool(_conflicts(other))
+    places = [ORDER.index(each.phase) if each.phase else 0 for each in (failure, other)]
     return places[1] >= places[0]
 
 
@@ -212,7 +212,7 @@ def _conflicts(failed: Failure) -> frozenset[str]:
     return failure_hints.subjects(failed.line)
 
 
-def told(lab: Lab, trial: Trial) -> tuple[str, ...]:
+def collect_reasons(lab: Lab, trial: Trial) -> tuple[str, ...]:
     """Return the lines that say why a cell failed."""
     return tuple(text for one in lab.evidence(trial) for text in one.told)
 
@@ -222,19 +222,19 @@ def versions(lab: Lab, trial: Trial) -> dict[str, str]:
     if trial.record.lock is None:
         return {}
     text = (lab.store.folder / trial.record.lock).read_text(encoding="utf-8")
-    return {name: version for name, (version, _) in locks.pinned(text).items()}
+    return {name: version for name, (version, _) in locks.read_pins(text).items()}
 
 
-def unrefused(lab: Lab, before: Trial, after: Trial) -> str | None:
+def find_unenforced_bound(lab: Lab, before: Trial, after: Trial) -> str | None:
     """Return why a cell works only because an older release does not reject a version yet; None if it is not so."""
     had = versions(lab, before) or candidate_changes.pins(before.cell)
     has = versions(lab, after)
-    for name, bound in failure_hints.refused(told(lab, before), had).items():
-        kept = has.get(name)
-        if kept is None or bound.contains(kept, prereleases=True):
+    for name, bound in failure_hints.find_unmet_bounds(collect_reasons(lab, before), had).items():
+        version = has.get(name)
+        if version is None or bound.contains(version, prereleases=True):
             continue
         for other in had.keys() & has.keys() - {name}:
             if Version(has[other]) < Version(had[other]):
-                asked = f"{name}{failure_hints.written(bound)}"
-                return f"the error asks for {asked}, and {other} {has[other]} is too old to know that"
+                requirement = f"{name}{failure_hints.written(bound)}"
+                return f"the error asks for {requirement}, and {other} {has[other]} is too old to know that"
     return None

@@ -11,8 +11,8 @@ from harness.model import Change, Interpreter, Phase
 from harness.rootcause import search
 from harness.rootcause.bench import Trial
 from harness.rootcause.repair import candidate_changes, failure_hints, times
-from harness.rootcause.repair.candidate_changes import together
-from harness.rootcause.repair.lab import Lab, passes, versions, weaker
+from harness.rootcause.repair.candidate_changes import merge_changes
+from harness.rootcause.repair.lab import Lab, find_lost_check, passes, versions
 from harness.rootcause.search import Answer
 
 SINGLES = 2
@@ -57,7 +57,7 @@ class Narrowing:
         """Return the fewest suspects that cure when held to their good versions; None if all together do not."""
         evidence = self.lab.evidence(self.failing)
         order = failure_hints.suspects([one.name for one in suspects], evidence)
-        ranked = sorted(suspects, key=lambda one: (not one.build, order.index(one.name)))
+        ranked = sorted(suspects, key=lambda suspect: (not suspect.build, order.index(suspect.name)))
         self.bound += search.bound(len(ranked) + 1)
         builds = [one for one in ranked if one.build]
         for one in (builds[:1] or ranked)[:SINGLES]:
@@ -65,11 +65,11 @@ class Narrowing:
                 return (one,)
         if self._held(ranked) is not Answer.GOOD:
             return None
-        found = search.minimise(ranked, self._held).items
-        if found is None:
+        culprits = search.minimise(ranked, self._held).items
+        if culprits is None:
             return None
-        self.told.append(f"of {len(ranked)} packages that differ, {len(found)} decide")
-        return tuple(found)
+        self.told.append(f"of {len(ranked)} packages that differ, {len(culprits)} decide")
+        return tuple(culprits)
 
     def _held(self, chosen: Sequence[Suspect]) -> Answer:
         names = ", ".join(f"{one.name} {one.good}" for one in chosen[:4])
@@ -77,7 +77,7 @@ class Narrowing:
         return self._answer(held(chosen), f"with {names or 'nothing'}{more} as in the lock that works")
 
     def _answer(self, change: Change, why: str) -> Answer:
-        trial = self.lab.measure(together(self.rest, change), why)
+        trial = self.lab.measure(merge_changes(self.rest, change), why)
         if self._cured(trial):
             return Answer.GOOD
         failed = trial.failure
@@ -88,7 +88,7 @@ class Narrowing:
     def _cured(self, trial: Trial) -> bool:
         """Return whether a trial passed the phase that matters; if it is the last one, with no check left out."""
         if self.lab.until is Phase.SUITE:
-            return trial.works and weaker(self.failing, trial) is None
+            return trial.works and find_lost_check(self.failing, trial) is None
         return passes(trial, self.lab.until)
 
     @property
@@ -105,58 +105,62 @@ class Narrowing:
         Meanwhile the other packages are held to theirs.
         """
         held: dict[str, Change] = {one.name: one.at(f"=={one.good}") for one in chosen}
-        for one in chosen:
-            others = candidate_changes.of_parts(change for name, change in held.items() if name != one.name)
-            held[one.name] = self._boundary(one, others)
+        for suspect in chosen:
+            others = candidate_changes.of_parts(change for name, change in held.items() if name != suspect.name)
+            held[suspect.name] = self._boundary(suspect, others)
         return candidate_changes.of_parts(held.values())
 
-    def _boundary(self, one: Suspect, others: Change) -> Change:
-        line = self._line(one)
-        if len(line) <= 2 and one.asked:
-            return one.at(f"=={one.good}")
+    def _boundary(self, suspect: Suspect, others: Change) -> Change:
+        line = self._line(suspect)
+        if len(line) <= 2 and suspect.asked:
+            return suspect.at(f"=={suspect.good}")
         if len(line) < 2:
-            return one.at(f"=={one.good}")
+            return suspect.at(f"=={suspect.good}")
         self.bound += search.bound(len(line))
 
         def test(version: Version) -> Answer:
-            return self._answer(together(others, one.at(f"=={version}")), f"with {one.name} {version}")
+            return self._answer(merge_changes(others, suspect.at(f"=={version}")), f"with {suspect.name} {version}")
 
         def ahead(progress: search.Progress[Version]) -> None:
-            wanted = [together(others, one.at(f"=={version}")) for version in progress.upcoming[:1]]
-            self.lab.prepare(*(together(self.rest, each) for each in wanted))
+            wanted = [merge_changes(others, suspect.at(f"=={version}")) for version in progress.upcoming[:1]]
+            self.lab.prepare(*(merge_changes(self.rest, each) for each in wanted))
 
-        known = {0: [Answer.GOOD]}
-        if candidate_changes.empty(others) and not one.asked:
-            known[len(line) - 1] = [Answer.BAD]  # that is what failed
+        answers = {0: [Answer.GOOD]}
+        if candidate_changes.empty(others) and not suspect.asked:
+            answers[len(line) - 1] = [Answer.BAD]  # that is what failed
         for place in _likely(line):
-            known[place] = [test(line[place])]
-            if known[place] != [Answer.BAD]:
+            answers[place] = [test(line[place])]
+            if answers[place] != [Answer.BAD]:
                 break
-        found = search.boundary(line, test, known=known, watch=ahead)
-        if found.good is None or found.bad is None:
-            return one.at(f"=={one.good}")
-        if one.asked:
-            return one.at(f"=={found.good}")
-        beyond = found.between[0] if found.between else found.bad
-        self.told.append(f"{one.name} {found.good} works, {found.bad} does not")
-        return one.at(self._said(one, candidate_changes.bound(str(found.good), str(beyond))))
+        boundary = search.boundary(line, test, prior_answers=answers, watch=ahead)
+        if boundary.good is None or boundary.bad is None:
+            return suspect.at(f"=={suspect.good}")
+        if suspect.asked:
+            return suspect.at(f"=={boundary.good}")
+        beyond = boundary.between[0] if boundary.between else boundary.bad
+        self.told.append(f"{suspect.name} {boundary.good} works, {boundary.bad} does not")
+        return suspect.at(self._said(suspect, candidate_changes.bound(str(boundary.good), str(beyond))))
 
-    def _said(self, one: Suspect, bound: str) -> str:
+    def _said(self, suspect: Suspect, bound: str) -> str:
         """Return the bound, combined with those that the cell has on the package already."""
-        if one.build:
+        if suspect.build:
             return bound
-        return candidate_changes.constraint(self.lab.base, one.name, bound).removeprefix(one.name)
+        return candidate_changes.constraint(self.lab.base, suspect.name, bound).removeprefix(suspect.name)
 
-    def _line(self, one: Suspect) -> list[Version]:
+    def _line(self, suspect: Suspect) -> list[Version]:
         """Return the releases from the good one to the bad one, both included."""
         offline = self.lab.settings.offline
-        known = times.usable(self.lab.base, one.name, self.interpreter, wheels=not one.build, offline=offline)
-        known = known or times.usable(self.lab.base, one.name, self.interpreter, wheels=False, offline=offline)
-        good = Version(one.good)
-        bad = Version(one.bad) if one.bad else max(known, default=good)
+        releases = times.usable(
+            self.lab.base, suspect.name, self.interpreter, wheels=not suspect.build, offline=offline
+        )
+        releases = releases or times.usable(
+            self.lab.base, suspect.name, self.interpreter, wheels=False, offline=offline
+        )
+        good = Version(suspect.good)
+        bad = Version(suspect.bad) if suspect.bad else max(releases, default=good)
         low, high = min(good, bad), max(good, bad)
-        found = sorted({good, bad, *(each for each in known if low < each < high)})
-        return found if good <= bad else found[::-1]
+        line = sorted({good, bad, *(each for each in releases if low < each < high)})
+        return line if good <= bad else line[::-1]
 
 
 def _likely(line: Sequence[Version]) -> list[int]:

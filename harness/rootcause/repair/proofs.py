@@ -12,8 +12,8 @@ from harness.matrix import changes
 from harness.model import Change, Phase, Verdict
 from harness.rootcause.bench import Trial
 from harness.rootcause.repair import pasting, stages
-from harness.rootcause.repair.lab import Lab, Run, ended
-from harness.rootcause.repair.repairing import Part, Repaired, Status
+from harness.rootcause.repair.lab import Lab, Run, describe_result
+from harness.rootcause.repair.repairing import Part, RepairResult, Status
 
 trying = pasting.trying
 
@@ -112,7 +112,7 @@ class RepairDocument(msgspec.Struct, frozen=True, kw_only=True):
     files: tuple[str, ...] = ()
 
 
-def document(lab: Lab, repaired: Repaired, command: str) -> RepairDocument:
+def document(lab: Lab, repaired: RepairResult, command: str) -> RepairDocument:
     """Return the document of a repair."""
     here = this_machine.facts()
     before = repaired.before
@@ -145,37 +145,37 @@ def document(lab: Lab, repaired: Repaired, command: str) -> RepairDocument:
     )
 
 
-def _run(number: int, one: Run) -> RunEntry:
-    judged, record = one.trial.assessed, one.trial.record
-    guarded = len({*one.change.only_binary} & {*stages.HEAVY}) > len(stages.HEAVY) // 2
-    plain = stages.unguarded(one.change) if guarded else one.change
+def _run(number: int, run: Run) -> RunEntry:
+    judged, record = run.trial.assessed, run.trial.record
+    guarded = len({*run.change.only_binary} & {*stages.HEAVY}) > len(stages.HEAVY) // 2
+    plain = stages.unguarded(run.change) if guarded else run.change
     return RunEntry(
         number=number,
-        why=one.why,
-        does=changes.described(plain),
+        why=run.why,
+        does=changes.describe(plain),
         change=changes.plain(plain),
         guarded=guarded,
-        until=one.until,
-        ended=ended(one.trial, one.until),
+        until=run.until,
+        ended=describe_result(run.trial, run.until),
         verdict=judged.verdict,
         phase=judged.phase,
         decisive=judged.decisive,
-        causes=tuple(str(each.signature.id) for each in one.trial.assessed.diagnoses),
+        causes=tuple(str(each.signature.id) for each in run.trial.assessed.diagnoses),
         unverified=judged.unverified,
         lock_sha256=record.lock_sha256,
         key=record.key,
         python=record.python,
-        seconds=one.trial.seconds,
-        at_hand=one.trial.at_hand,
+        seconds=run.trial.seconds,
+        at_hand=run.trial.at_hand,
     )
 
 
-def _remedy(lab: Lab, repaired: Repaired) -> RemedyEntry:
+def _remedy(lab: Lab, repaired: RepairResult) -> RemedyEntry:
     change, proof = repaired.change or Change(), repaired.proof or repaired.before
     return RemedyEntry(
         way=str(repaired.way),
         why=repaired.why,
-        does=changes.described(change),
+        does=changes.describe(change),
         change=changes.plain(change),
         moved=repaired.moved,
         parts=tuple(_part(lab, one) for one in repaired.parts),
@@ -188,12 +188,12 @@ def _remedy(lab: Lab, repaired: Repaired) -> RemedyEntry:
     )
 
 
-def _part(lab: Lab, one: Part) -> PartEntry:
+def _part(lab: Lab, part: Part) -> PartEntry:
     return PartEntry(
-        does=changes.described(one.change),
-        change=changes.plain(one.change),
-        necessary=True if one.without else None,
-        without=_number(lab, one.without) if one.without else None,
+        does=changes.describe(part.change),
+        change=changes.plain(part.change),
+        necessary=True if part.without else None,
+        without=_number(lab, part.without) if part.without else None,
     )
 
 

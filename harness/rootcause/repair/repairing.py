@@ -15,13 +15,20 @@ from itertools import count
 
 from harness.machine import interpreters
 from harness.model import Change, Phase, Verdict
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.model.vocabulary import required_name
 from harness.rootcause import search
-from harness.rootcause.bench import Spent, Trial
+from harness.rootcause.bench import BudgetExhausted, Trial
 from harness.rootcause.repair import candidate_changes, narrowing, stages, widening
-from harness.rootcause.repair.candidate_changes import Move, Way, together
-from harness.rootcause.repair.lab import Lab, ended, further, unrefused, versions, weaker
+from harness.rootcause.repair.candidate_changes import Move, Way, merge_changes
+from harness.rootcause.repair.lab import (
+    Lab,
+    describe_result,
+    fails_further,
+    find_lost_check,
+    find_unenforced_bound,
+    versions,
+)
 from harness.rootcause.repair.narrowing import Narrowing
 from harness.rootcause.repair.stages import STAGES, Place
 from harness.rootcause.search import Answer
@@ -53,7 +60,7 @@ class Part:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Repaired:
+class RepairResult:
     """The result of a repair. `change` is the remedy, `proof` the cell with it.
 
     `moved` are packages that the user had bounded. `stopped` says why the search ended early, `left` what was not
@@ -86,7 +93,7 @@ class _Entry:
 
 
 @dataclass
-class _Found:
+class _Cure:
     """A change that cures, while it is made as small as possible."""
 
     change: Change
@@ -104,19 +111,19 @@ class Search:
         self.queue: list[_Entry] = []
         self.numbers = count()
         self.now: _Entry | None = None
-        self.found: _Found | None = None
+        self.found: _Cure | None = None
         self.told: list[str] = []
         self.bound = 0
         self.flaky = False
 
-    def run(self) -> Repaired:
+    def run(self) -> RepairResult:
         """Measure the cell, and search for a change that cures it. Never raises Spent."""
         before = self.lab.measure(Change(), "as it is asked for")
         self.before = before
         if before.works or before.doubtful:
-            return Repaired(status=Status.GREEN, before=before)
+            return RepairResult(status=Status.GREEN, before=before)
         if before.failure is None:
-            return Repaired(status=Status.UNTOLD, before=before)
+            return RepairResult(status=Status.UNTOLD, before=before)
         stopped = None
         try:
             self._open(Change(), before, 0)
@@ -124,11 +131,11 @@ class Search:
             if self.found:
                 self._settle(self.found)
                 self._stands()
-        except Spent as spent:
+        except BudgetExhausted as spent:
             stopped = str(spent)
         return self._answer(stopped)
 
-    def proven(self, change: Change) -> Repaired | None:
+    def proven(self, change: Change) -> RepairResult | None:
         """Return the repair by a change that cured another cell; None if it does not cure this one."""
         self.before = self.lab.measure(Change(), "as it is asked for")
         move = Move(change=change, way=Way.KNOWN, why="it cured another cell of the same cause")
@@ -136,11 +143,11 @@ class Search:
             trial = self.lab.measure(change, move.why)
             if not trial.works or self._no_cure(self.before, trial):
                 return None
-            self.found = _Found(change=change, move=move, trial=trial)
+            self.found = _Cure(change=change, move=move, trial=trial)
             self._least(self.found)
             self.found.proven = True
             self._stands()
-        except (Spent, ValueError):
+        except (BudgetExhausted, ValueError):
             return None
         return self._answer(None)
 
@@ -164,7 +171,7 @@ class Search:
     def _cures(self, entry: _Entry, move: Move) -> bool:
         """Try one change and return whether it cures. If it reveals another failure, queue the stages for that."""
         place = entry.place
-        change = together(place.change, stages.guarded(place, move))
+        change = merge_changes(place.change, stages.guarded(place, move))
         try:
             if self.lab.same(change, place.change):
                 return False
@@ -176,74 +183,74 @@ class Search:
             if reason:
                 self.told.append(f"{move.why}: {reason}")
                 return False
-            self.found = _Found(change=change, move=move, trial=trial)
+            self.found = _Cure(change=change, move=move, trial=trial)
             return True
         depth = 1 - entry.above
         if trial.doubtful:
-            self.told.append(f"{move.why}: {ended(trial, self.lab.until)}")
+            self.told.append(f"{move.why}: {describe_result(trial, self.lab.until)}")
             self._open(change, trial, depth, (Way.KNOWN,))
-        elif depth < DEEPEST and further(place.trial, trial):
+        elif depth < DEEPEST and fails_further(place.trial, trial):
             self._open(change, trial, depth)
         return False
 
     def _no_cure(self, before: Trial, trial: Trial) -> str | None:
         """Return why a working cell is no remedy all the same; None if it is one."""
-        less = weaker(self.before, trial)
-        return f"{less}, which is a weaker test" if less else unrefused(self.lab, before, trial)
+        less = find_lost_check(self.before, trial)
+        return f"{less}, which is a weaker test" if less else find_unenforced_bound(self.lab, before, trial)
 
     # --- making it smaller -----------------------------------------------------------------------------------------
 
-    def _settle(self, found: _Found) -> None:
+    def _settle(self, cure: _Cure) -> None:
         """Make the remedy smaller: bounds instead of a date or a lock, no guard of the search, no unneeded part."""
-        found.change = (self._nearest(found) if self._by_pins(found) else self._narrowed(found)) or found.change
-        self._unguarded(found)
-        self._least(found)
-        self._widened(found)
-        if self.lab.shown(found.trial) is None:
-            found.trial = self.lab.measure(found.change, "the whole remedy once more", again=True)
-        found.proven = found.trial.works and self._no_cure(self.before, found.trial) is None
+        cure.change = (self._nearest(cure) if self._by_pins(cure) else self._narrowed(cure)) or cure.change
+        self._unguarded(cure)
+        self._least(cure)
+        self._widened(cure)
+        if self.lab.shown(cure.trial) is None:
+            cure.trial = self.lab.measure(cure.change, "the whole remedy once more", again=True)
+        cure.proven = cure.trial.works and self._no_cure(self.before, cure.trial) is None
 
-    def _take(self, found: _Found, change: Change, why: str) -> bool:
+    def _take(self, cure: _Cure, change: Change, why: str) -> bool:
         """Measure a smaller change, adopt it if it cures in every phase, and return whether it does."""
         trial = self.lab.measure(change, why)
         if not trial.works or self._no_cure(self.before, trial):
             return False
-        found.change, found.trial = change, trial
+        cure.change, cure.trial = change, trial
         return True
 
-    def _unguarded(self, found: _Found) -> None:
+    def _unguarded(self, cure: _Cure) -> None:
         """Let big packages be built again, where the remedy itself does not forbid it."""
-        whole = stages.unguarded(found.change, found.move.change.only_binary)
-        if whole != found.change:
-            self._take(found, whole, "without the guard against long builds")
+        whole = stages.unguarded(cure.change, cure.move.change.only_binary)
+        if whole != cure.change:
+            self._take(cure, whole, "without the guard against long builds")
 
-    def _narrowed(self, found: _Found) -> Change | None:
+    def _narrowed(self, cure: _Cure) -> Change | None:
         """Return the fewest packages with their bounds, in place of a date, a lock or all build requirements.
 
         None if no such bounds cure.
         """
-        made = found.move.change
-        if found.move.way not in {Way.DATE, Way.LOCK, Way.BUILDS}:
-            made = Change(as_of=found.change.as_of)
-        if candidate_changes.empty(made):
+        broad_change = cure.move.change
+        if cure.move.way not in {Way.DATE, Way.LOCK, Way.BUILDS}:
+            broad_change = Change(as_of=cure.change.as_of)
+        if candidate_changes.empty(broad_change):
             return None
-        rest = candidate_changes.without(found.change, made)
+        rest = candidate_changes.without(cure.change, broad_change)
         failing = (
             self.before if candidate_changes.empty(stages.unguarded(rest)) else self.lab.measure(rest, "without it")
         )
         if failing.failure is None:
             return None
-        suspects = (*self._of_builds(found.change, failing), *narrowing.differing(self.lab, found.trial, failing))
+        suspects = (*self._of_builds(cure.change, failing), *narrowing.differing(self.lab, cure.trial, failing))
         search = Narrowing(self.lab, rest, failing, interpreters.find(failing.cell.python))
         phases = dict.fromkeys((failing.failure.phase or Phase.SUITE, Phase.SUITE))
         try:
-            return next((change for phase in phases if (change := self._up_to(phase, found, search, suspects))), None)
+            return next((change for phase in phases if (change := self._up_to(phase, cure, search, suspects))), None)
         finally:
             self.bound += search.bound
             self.told += search.told
 
     def _up_to(
-        self, phase: Phase, found: _Found, search: Narrowing, suspects: Sequence[narrowing.Suspect]
+        self, phase: Phase, cure: _Cure, search: Narrowing, suspects: Sequence[narrowing.Suspect]
     ) -> Change | None:
         """Return the bounds that cure, searched up to a phase; None if there are none, or a later phase fails."""
         search.bound, search.told = 0, []
@@ -252,42 +259,42 @@ class Search:
             bounds = search.bounded(chosen) if chosen else None
         if chosen is None or bounds is None:
             return None
-        if self._take(found, stages.unguarded(together(search.rest, bounds)), "bounded, in every phase"):
-            return found.change
-        exact = together(search.rest, narrowing.held(chosen))
-        pinned = phase is Phase.SUITE and self._take(found, exact, "pinned, in every phase")
-        return found.change if pinned else None
+        if self._take(cure, stages.unguarded(merge_changes(search.rest, bounds)), "bounded, in every phase"):
+            return cure.change
+        exact = merge_changes(search.rest, narrowing.held(chosen))
+        pinned = phase is Phase.SUITE and self._take(cure, exact, "pinned, in every phase")
+        return cure.change if pinned else None
 
-    def _widened(self, found: _Found) -> None:
+    def _widened(self, cure: _Cure) -> None:
         """Widen the bounds of a known remedy to keep all releases that work."""
-        if found.move.way is not Way.KNOWN:
+        if cure.move.way is not Way.KNOWN:
             return
-        widened = widening.Widening(self.lab, found.change, self.before, found.trial)
+        widened = widening.Widening(self.lab, cure.change, self.before, cure.trial)
         change = widened.run()
         self.bound += widened.bound
         self.told += widened.told
-        if change != found.change and self._take(found, change, "with the widest bounds, in every phase"):
-            self._least(found)
+        if change != cure.change and self._take(cure, change, "with the widest bounds, in every phase"):
+            self._least(cure)
 
-    def _by_pins(self, found: _Found) -> bool:
-        return found.move.way is Way.PINS and len(found.move.change.requirements) == 1
+    def _by_pins(self, cure: _Cure) -> bool:
+        return cure.move.way is Way.PINS and len(cure.move.change.requirements) == 1
 
-    def _nearest(self, found: _Found) -> Change | None:
+    def _nearest(self, cure: _Cure) -> Change | None:
         """Return the change to the working release nearest to the one that the user pins; None if there is none."""
-        (line,) = found.move.change.requirements
+        (line,) = cure.move.change.requirements
         name, pinned = required_name(line), candidate_changes.pins(self.lab.base)
-        good = versions(self.lab, found.trial).get(name)
+        good = versions(self.lab, cure.trial).get(name)
         if name not in pinned or good is None:
             return None
-        rest = candidate_changes.without(found.change, found.move.change)
-        search = Narrowing(self.lab, rest, self.before, interpreters.find(found.trial.cell.python))
+        rest = candidate_changes.without(cure.change, cure.move.change)
+        search = Narrowing(self.lab, rest, self.before, interpreters.find(cure.trial.cell.python))
         suspect = narrowing.Suspect(name=name, good=good, bad=pinned[name], asked=True)
-        change = together(rest, search.bounded([suspect]))
+        change = merge_changes(rest, search.bounded([suspect]))
         self.bound += search.bound
         self.told += search.told
         return (
-            found.change
-            if self._take(found, stages.unguarded(change), "the nearest that works, in every phase")
+            cure.change
+            if self._take(cure, stages.unguarded(change), "the nearest that works, in every phase")
             else None
         )
 
@@ -297,25 +304,27 @@ class Search:
             return
         yield from stages.tools(failing.cell, whole, offline=self.lab.settings.offline)
 
-    def _least(self, found: _Found) -> None:
+    def _least(self, cure: _Cure) -> None:
         """Leave out parts by halves as long as the cell works, then measure it without each part that stays."""
-        whole = candidate_changes.parts(found.change)
+        whole = candidate_changes.parts(cure.change)
         needed = search.minimise(whole, self._keeping).items if len(whole) > 1 else whole
         if needed is not None and len(needed) < len(whole):
             spare = [candidate_changes.in_words(part) for part in whole if part not in needed]
             more = f" and {len(spare) - FEW} more" if len(spare) > FEW else ""
             self.told.append(f"not needed: {'; '.join(spare[:FEW])}{more}")
-            found.change = candidate_changes.of_parts(part for part in whole if part in needed)
-            found.trial = self.lab.measure(found.change, "the parts that are needed")
+            cure.change = candidate_changes.of_parts(part for part in whole if part in needed)
+            cure.trial = self.lab.measure(cure.change, "the parts that are needed")
         tried = [
-            (part, self._without(candidate_changes.without(found.change, part), part))
-            for part in candidate_changes.parts(found.change)
+            (part, self._without(candidate_changes.without(cure.change, part), part))
+            for part in candidate_changes.parts(cure.change)
         ]
-        found.parts = tuple(Part(change=part, without=trial if trial.bad else None) for part, trial in tried)
+        cure.parts = tuple(Part(change=part, without=trial if trial.bad else None) for part, trial in tried)
 
     def _keeping(self, parts: tuple[Change, ...]) -> Answer:
         """Measure the cell with only some parts of the remedy, and return whether they cure."""
-        trial = self.lab.measure(candidate_changes.of_parts(parts), f"with {number(len(parts), 'part')} of the remedy")
+        trial = self.lab.measure(
+            candidate_changes.of_parts(parts), f"with {format_count(len(parts), 'part')} of the remedy"
+        )
         if trial.works and not self._no_cure(self.before, trial):
             return Answer.GOOD
         return Answer.BAD if trial.bad or trial.works else Answer.UNTESTABLE
@@ -337,29 +346,31 @@ class Search:
 
     # --- the answer ------------------------------------------------------------------------------------------------
 
-    def _answer(self, stopped: str | None) -> Repaired:
-        found = self.found
+    def _answer(self, stopped: str | None) -> RepairResult:
+        cure = self.found
         waiting = [*([self.now] if self.now else []), *sorted(self.queue)]
-        left = tuple(dict.fromkeys(str(entry.way) for entry in waiting)) if stopped and not found else ()
-        if found is None or (not found.proven and not stopped):
+        left = tuple(dict.fromkeys(str(entry.way) for entry in waiting)) if stopped and not cure else ()
+        if cure is None or (not cure.proven and not stopped):
             ends = [one.trial.assessed for one in self.lab.runs]
             unclear = [one for one in ends if one.verdict is Verdict.INCONCLUSIVE]
             if unclear:
                 self.told.append(f"{len(unclear)} of the runs tell nothing: {unclear[0].decisive}")
             untold = unclear or self.flaky
             status = Status.STOPPED if stopped else Status.UNTOLD if untold else Status.NOT_FOUND
-            told = tuple(self.told)
-            return Repaired(status=status, before=self.before, stopped=stopped, left=left, bound=self.bound, told=told)
-        parts = found.parts or tuple(Part(change=one, without=None) for one in candidate_changes.parts(found.change))
-        return Repaired(
+            notes = tuple(self.told)
+            return RepairResult(
+                status=status, before=self.before, stopped=stopped, left=left, bound=self.bound, told=notes
+            )
+        parts = cure.parts or tuple(Part(change=one, without=None) for one in candidate_changes.parts(cure.change))
+        return RepairResult(
             status=Status.FOUND,
             before=self.before,
-            change=found.change,
-            way=found.move.way,
-            why=found.move.why,
+            change=cure.change,
+            way=cure.move.way,
+            why=cure.move.why,
             parts=parts,
-            proof=found.trial,
-            moved=candidate_changes.moved(self.lab.base, found.trial.cell),
+            proof=cure.trial,
+            moved=candidate_changes.find_replaced_packages(self.lab.base, cure.trial.cell),
             stopped=stopped,
             bound=self.bound,
             told=tuple(self.told),

@@ -17,7 +17,7 @@ from harness.reports.answers import result_index
 from harness.rootcause.bench import Trial
 from harness.rootcause.repair import candidate_changes, failure_hints, times
 from harness.rootcause.repair.candidate_changes import Move, Way
-from harness.rootcause.repair.lab import Lab, told, versions
+from harness.rootcause.repair.lab import Lab, collect_reasons, versions
 from harness.rootcause.repair.narrowing import Suspect
 from harness.running import shipped_signatures
 from harness.standalone.matching import Diagnosis
@@ -62,11 +62,11 @@ Stage = Callable[[Place], Iterator[Move]]
 
 def guarded(place: Place, move: Move) -> Change:
     """Return the change of a move; if the move has a guard, big packages are not built from source."""
-    asked = {*candidate_changes.asked_for(place.lab.base)}
+    required_names = {*candidate_changes.asked_for(place.lab.base)}
     if not move.guard:
         return move.change
-    return candidate_changes.together(
-        move.change, Change(only_binary=tuple(name for name in HEAVY if name not in asked))
+    return candidate_changes.merge_changes(
+        move.change, Change(only_binary=tuple(name for name in HEAVY if name not in required_names))
     )
 
 
@@ -76,12 +76,12 @@ def unguarded(change: Change, own: Collection[str] = ()) -> Change:
     return replace(change, only_binary=tuple(name for name in change.only_binary if name not in gone))
 
 
-def named(place: Place) -> Iterator[Move]:
+def named_bounds(place: Place) -> Iterator[Move]:
     """Yield the bounds that the failure names, where they leave what the user asked for."""
     yield from (one for one in _named(place) if one.way is Way.NAMED)
 
 
-def refused(place: Place) -> Iterator[Move]:
+def replacing_bounds(place: Place) -> Iterator[Move]:
     """Yield the bounds that the failure names, in place of what the user asked for."""
     yield from (one for one in _named(place) if one.way is Way.REFUSED)
 
@@ -89,47 +89,47 @@ def refused(place: Place) -> Iterator[Move]:
 def _named(place: Place) -> Iterator[Move]:
     cell, pinned = place.trial.cell, candidate_changes.pins(place.trial.cell)
     had = versions(place.lab, place.trial) | pinned
-    for name, bound in failure_hints.refused(told(place.lab, place.trial), had).items():
+    for name, bound in failure_hints.find_unmet_bounds(collect_reasons(place.lab, place.trial), had).items():
         line = f"{name}{failure_hints.written(bound)}"
         why = f"the error names {line}"
         if name not in pinned:
-            change, contrary = candidate_changes.beside(cell, Change(constraints=(line,)))
+            change, contrary = candidate_changes.merge_with_bounds(cell, Change(constraints=(line,)))
             yield Move(change=change, way=Way.REFUSED if contrary else Way.NAMED, why=why)
             continue
         fitting = [each for each in _usable(place, name) if bound.contains(str(each))]
         newer = [each for each in fitting if each > Version(pinned[name])]
         if newer:  # the nearest to what is asked for; the newest may be too new again
-            change = candidate_changes.released(cell, name, f"=={newer[0]}")
+            change = candidate_changes.change_release(cell, name, f"=={newer[0]}")
             yield Move(change=change, way=Way.REFUSED, why=why)
         yield Move(
-            change=candidate_changes.released(cell, name, failure_hints.written(bound)), way=Way.REFUSED, why=why
+            change=candidate_changes.change_release(cell, name, failure_hints.written(bound)), way=Way.REFUSED, why=why
         )
 
 
-def known(place: Place) -> Iterator[Move]:
+def signature_remedies(place: Place) -> Iterator[Move]:
     """Yield remedies of the known failures that keep what the user asked for."""
-    found = place.trial.assessed.diagnoses or tuple(_silent(place.trial))
-    yield from (one for one in candidate_changes.known(place.trial.cell, found) if one.way is Way.KNOWN)
+    diagnoses = place.trial.assessed.diagnoses or tuple(_silent(place.trial))
+    yield from (one for one in candidate_changes.propose_remedies(place.trial.cell, diagnoses) if one.way is Way.KNOWN)
 
 
 def _silent(trial: Trial) -> Iterator[Diagnosis]:
     """Yield the silent issues that a working cell leaves open."""
     left = {name.removeprefix(PREFIX) for name in trial.assessed.unverified if name.startswith(PREFIX)}
-    known = (one for one in shipped_signatures.known() if one.id in left)
-    yield from (Diagnosis(signature=one, phase=None, seen="", told=False) for one in known)
+    signatures = (one for one in shipped_signatures.load_all() if one.id in left)
+    yield from (Diagnosis(signature=one, phase=None, seen="", told=False) for one in signatures)
 
 
-def missing(place: Place) -> Iterator[Move]:
+def missing_packages(place: Place) -> Iterator[Move]:
     """Yield the installs that an error suggests, and packages whose modules were not found."""
     if place.phase in BOTH:
         return
     cell, evidence = place.trial.cell, place.lab.evidence(place.trial)
-    for change in failure_hints.told_to_install(cell, evidence):
+    for change in failure_hints.find_suggested_installs(cell, evidence):
         yield Move(change=change, way=Way.MISSING, why="what the error says to install")
     installed = place.trial.record.installed or {}
     for module in failure_hints.missing_modules(evidence):
         for requirement in failure_hints.providers(module, _declared(place, module)):
-            change = failure_hints.brought(cell, requirement)
+            change = failure_hints.add_requirement(cell, requirement)
             if not (requirement in installed and change.requirements):
                 yield Move(change=change, way=Way.MISSING, why=f"{module} is imported, and nothing requires it")
 
@@ -145,10 +145,10 @@ def overlay(place: Place) -> Iterator[Move]:
     """Yield repaired releases of packages that do not resolve or install."""
     if place.phase not in BOTH:
         return
-    asked = {*candidate_changes.asked_for(place.lab.base), *versions(place.lab, place.trial)}
+    packages = {*candidate_changes.asked_for(place.lab.base), *versions(place.lab, place.trial)}
     text = "\n".join(text for one in place.lab.evidence(place.trial) for text in (*one.told, *one.logs))
     for name in place.lab.recipes:
-        if name in asked or re.search(rf"\b{re.escape(name)}\b", text):
+        if name in packages or re.search(rf"\b{re.escape(name)}\b", text):
             yield Move(
                 change=Change(overlay=(name,)), way=Way.OVERLAY, why=f"a release of {name} as it is repaired here"
             )
@@ -160,8 +160,8 @@ def builds(place: Place) -> Iterator[Move]:
         return
     offline = place.lab.settings.offline
     for instant in _instants(place)[-1:]:
-        found = ((tool, times.newest(place.trial.cell, tool, instant, offline=offline)) for tool in TOOLS)
-        lines = tuple(f"{tool}<={version}" for tool, version in found if version)
+        tool_versions = ((tool, times.newest(place.trial.cell, tool, instant, offline=offline)) for tool in TOOLS)
+        lines = tuple(f"{tool}<={version}" for tool, version in tool_versions if version)
         if lines:
             why = f"built with what there was on {instant[:10]}"
             yield Move(change=Change(build_constraints=lines), way=Way.BUILDS, why=why, guard=True)
@@ -194,8 +194,8 @@ def date(place: Place) -> Iterator[Move]:
 
 def _no_other(place: Place) -> bool:
     """Return whether the cell that was measured last fails in exactly the same way."""
-    told, before = place.lab.runs[-1].trial.failure, place.trial.failure
-    return told is not None and before is not None and told.same(before)
+    last_failure, before = place.lab.runs[-1].trial.failure, place.trial.failure
+    return last_failure is not None and before is not None and last_failure.same(before)
 
 
 def _instants(place: Place, minor: str | None = None) -> tuple[str, ...]:
@@ -210,19 +210,21 @@ def lock(place: Place) -> Iterator[Move]:
     minor, pinned = place.python.minor if place.python else "", candidate_changes.pins(place.trial.cell)
     bad = versions(place.lab, place.trial)
     cases = {(case.env, case.api) for case in place.trial.cell.cases if case.env}
-    known = result_index.load()
-    found: dict[str, Change] = {}
-    for one in known["cells"]:
-        works = plainly_good(one["verdict"], one["unverified"]) and one["lock"] in known["locks"]
-        if not (works and cases and cases <= {(case["env"], case["api"]) for case in one["cases"]}):
+    results = result_index.load()
+    changes_by_lock: dict[str, Change] = {}
+    for cell in results["cells"]:
+        works = plainly_good(cell["verdict"], cell["unverified"]) and cell["lock"] in results["locks"]
+        if not (works and cases and cases <= {(case["env"], case["api"]) for case in cell["cases"]}):
             continue
-        had = dict(known["locks"][one["lock"]])
-        if one["id"] == place.lab.base.id or not (one["python"] or "").startswith(f"{minor}."):
+        had = dict(results["locks"][cell["lock"]])
+        if cell["id"] == place.lab.base.id or not (cell["python"] or "").startswith(f"{minor}."):
             continue
         if all(had.get(name) == version for name, version in pinned.items()):
             lines = [f"{name}=={version}" for name, version in had.items() if bad.get(name, version) != version]
-            found.setdefault(one["lock"], Change(constraints=tuple(lines)))
-    nearest = sorted((one for one in found.values() if one.constraints), key=lambda one: len(one.constraints))
+            changes_by_lock.setdefault(cell["lock"], Change(constraints=tuple(lines)))
+    nearest = sorted(
+        (one for one in changes_by_lock.values() if one.constraints), key=lambda candidate: len(candidate.constraints)
+    )
     for change in nearest[:NEAREST]:
         yield Move(change=change, way=Way.LOCK, why="the versions of a cell that works", guard=True)
 
@@ -251,8 +253,8 @@ def python(place: Place) -> Iterator[Move]:
     if place.change.python or (place.trial.cell.python == "host" and now is None):
         return
     here = _minor(now.minor if now else place.trial.cell.python)
-    found = {one.minor: one for one in interpreters.available() if one.implementation == "cpython"}
-    others = [minor for minor in found if _minor(minor) != here]
+    pythons = {one.minor: one for one in interpreters.available() if one.implementation == "cpython"}
+    others = [minor for minor in pythons if _minor(minor) != here]
     for minor in sorted(others, key=lambda each: (abs(_minor(each) - here), _minor(each) > here)):
         yield Move(change=Change(python=minor), way=Way.PYTHON, why=f"on Python {minor}", guard=True)
         if place.phase not in BOTH and _no_other(place):
@@ -281,20 +283,22 @@ def _minor(text: str) -> int:
 def pins(place: Place) -> Iterator[Move]:
     """Yield other releases of what the user pins: those that a remedy names, then those ever farther away."""
     yield from (
-        one for one in candidate_changes.known(place.trial.cell, place.trial.assessed.diagnoses) if one.way is Way.PINS
+        one
+        for one in candidate_changes.propose_remedies(place.trial.cell, place.trial.assessed.diagnoses)
+        if one.way is Way.PINS
     )
     pinned = candidate_changes.pins(place.lab.base)
     for name in failure_hints.suspects(pinned, place.lab.evidence(place.trial)):
         for version in _around(place, name, Version(pinned[name])):
-            change = candidate_changes.released(place.lab.base, name, f"=={version}")
+            change = candidate_changes.change_release(place.lab.base, name, f"=={version}")
             yield Move(change=change, way=Way.PINS, why=f"with {name} {version}", guard=True)
 
 
 def _around(place: Place, name: str, now: Version) -> Iterator[Version]:
     """Yield releases at doubling distance, newer and older in turn."""
-    found = _usable(place, name)
-    newer = [each for each in found if each > now]
-    older = [each for each in reversed(found) if each < now]
+    releases = _usable(place, name)
+    newer = [each for each in releases if each > now]
+    older = [each for each in reversed(releases) if each < now]
     step = 1
     while step <= max(len(newer), len(older)):
         yield from (line[step - 1] for line in (newer, older) if step <= len(line))
@@ -308,12 +312,12 @@ def _usable(place: Place, name: str) -> tuple[Version, ...]:
 
 
 STAGES: dict[Way, Stage] = {
-    Way.NAMED: named,
-    Way.KNOWN: known,
-    Way.MISSING: missing,
+    Way.NAMED: named_bounds,
+    Way.KNOWN: signature_remedies,
+    Way.MISSING: missing_packages,
     Way.OVERLAY: overlay,
     Way.BUILDS: builds,
-    Way.REFUSED: refused,
+    Way.REFUSED: replacing_bounds,
     Way.DATE: date,
     Way.LOCK: lock,
     Way.WHEELS: wheels,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from harness.model.report_types import number
+from harness.model.report_types import format_count
 from harness.reports.template_files import read_template
 from harness.reports.text import report_markdown
 from harness.rootcause.repair import pasting
@@ -15,35 +15,35 @@ from harness.rootcause.repair.repairing import Status
 from harness.standalone.silent import PREFIX
 
 
-def lines(made: RepairDocument) -> Iterator[str]:
+def lines(document: RepairDocument) -> Iterator[str]:
     """Yield the document as lines for a terminal."""
-    before = made.runs[0]
+    before = document.runs[0]
     doubts = [name.removeprefix(PREFIX) for name in before.unverified if name.startswith(PREFIX)]
-    if made.status is Status.GREEN and doubts:
-        yield f"{made.cell} works, but a silent known issue is not excluded: {', '.join(doubts)}"
+    if document.status is Status.GREEN and doubts:
+        yield f"{document.cell} works, but a silent known issue is not excluded: {', '.join(doubts)}"
         yield f"next: simmatrix known {doubts[0]}"
         return
-    if made.status is Status.GREEN:
-        yield f"{made.cell} {_ended(before)}: there is nothing to repair"
+    if document.status is Status.GREEN:
+        yield f"{document.cell} {_ended(before)}: there is nothing to repair"
         return
-    yield f"{made.cell}: {_ended(before)}"
+    yield f"{document.cell}: {_ended(before)}"
     if before.decisive:
         yield f"  {before.decisive}"
-    if made.status is Status.UNTOLD and len(made.runs) == 1:
+    if document.status is Status.UNTOLD and len(document.runs) == 1:
         yield "this says nothing about the packages, so there is nothing to repair; mend that and type the same again"
         return
-    for cause in made.causes[:1]:
+    for cause in document.causes[:1]:
         yield f"{'hides why' if cause.masks else 'cause'}: {cause.cause} [{cause.signature}]"
     yield ""
-    yield from _found(made, made.remedy) if made.remedy else _nothing(made)
-    yield from (f"note: {one}" for one in made.told)
-    spent = f"{number(made.measured, 'run')}, {number(made.built, 'environment')} built"
-    bounded = f" (binary searches need {made.bound} tests at most)" if made.bound else ""
-    yield f"{spent}{bounded}, {made.seconds:.0f} s"
-    yield from (f"written: {name}" for name in made.files)
+    yield from _describe_remedy(document, document.remedy) if document.remedy else _nothing(document)
+    yield from (f"note: {one}" for one in document.told)
+    spent = f"{format_count(document.measured, 'run')}, {format_count(document.built, 'environment')} built"
+    bounded = f" (binary searches need {document.bound} tests at most)" if document.bound else ""
+    yield f"{spent}{bounded}, {document.seconds:.0f} s"
+    yield from (f"written: {name}" for name in document.files)
 
 
-def _found(made: RepairDocument, remedy: RemedyEntry) -> Iterator[str]:
+def _describe_remedy(document: RepairDocument, remedy: RemedyEntry) -> Iterator[str]:
     if remedy.moved and remedy.way == Way.REFUSED:
         yield f"you asked for another {' and '.join(remedy.moved)}: {remedy.why}"
     elif remedy.moved:
@@ -55,22 +55,22 @@ def _found(made: RepairDocument, remedy: RemedyEntry) -> Iterator[str]:
         if part.without is None:
             yield f"necessary: not shown for {does}"
         else:
-            yield f"necessary: without {does} it fails (run {part.without}: {_ended(made.runs[part.without - 1])})"
-    proof = made.runs[remedy.proof - 1]
+            yield f"necessary: without {does} it fails (run {part.without}: {_ended(document.runs[part.without - 1])})"
+    proof = document.runs[remedy.proof - 1]
     if remedy.sufficient:
         open_ends = f", not verified: {', '.join(remedy.unverified)}" if remedy.unverified else ""
         yield f"sufficient: with it every check passes (run {remedy.proof}, {proof.seconds:.0f} s{open_ends})"
-    if made.stopped:
-        yield f"stopped short: {made.stopped}; a smaller change may do"
+    if document.stopped:
+        yield f"stopped short: {document.stopped}; a smaller change may do"
 
 
-def _nothing(made: RepairDocument) -> Iterator[str]:
-    if made.status is Status.UNTOLD:
+def _nothing(document: RepairDocument) -> Iterator[str]:
+    if document.status is Status.UNTOLD:
         yield "nothing that could be told cures it; mend what stands in the note and type the same again"
-    elif made.status is Status.STOPPED:
-        yield f"stopped short: {made.stopped}; not tried yet: {', '.join(made.left)}"
+    elif document.status is Status.STOPPED:
+        yield f"stopped short: {document.stopped}; not tried yet: {', '.join(document.left)}"
     else:
-        tried = max(len(made.runs) - 1, 0)
+        tried = max(len(document.runs) - 1, 0)
         yield f"nothing that was tried cures it ({tried} {'change' if tried == 1 else 'changes'})"
 
 
@@ -78,13 +78,15 @@ def _ended(run: RunEntry) -> str:
     return run.ended.replace("_", " ")
 
 
-def page(made: RepairDocument) -> str:
+def page(document: RepairDocument) -> str:
     """Return the document as a page, from the template `templates/repair.md.j2`."""
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
 
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
     environment.filters |= report_markdown.filters()
     template = read_template("repair.md.j2")
-    said: dict[str, Any] = {name: getattr(made, name) for name in made.__struct_fields__}
-    lines = list(pasting.lines(made.remedy.paste)) if made.remedy else []
-    return environment.from_string(template).render(**said, refused=Way.REFUSED, lines=[line.strip() for line in lines])
+    context: dict[str, Any] = {name: getattr(document, name) for name in document.__struct_fields__}
+    lines = list(pasting.lines(document.remedy.paste)) if document.remedy else []
+    return environment.from_string(template).render(
+        **context, refused=Way.REFUSED, lines=[line.strip() for line in lines]
+    )

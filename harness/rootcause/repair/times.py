@@ -31,8 +31,8 @@ WHEELS_DAYS = 90
 
 def releases(name: str, settings: IndexSettings, cutoff: str | None, *, offline: bool) -> tuple[Release, ...]:
     """Return the releases of a package uploaded by `cutoff`, oldest first; none if the index does not tell."""
-    found = _listed(name, settings, offline=offline)
-    return tuple(one for one in found if cutoff is None or one.uploaded is None or one.uploaded <= cutoff)
+    listing = _listed(name, settings, offline=offline)
+    return tuple(one for one in listing if cutoff is None or one.uploaded is None or one.uploaded <= cutoff)
 
 
 @cache
@@ -56,19 +56,19 @@ def instants(cell: Cell, installed: dict[str, str], minor: str, *, offline: bool
     if not uploads:
         return ()
     newest = datetime.fromisoformat(max(uploads))
-    found = [newest.replace(hour=23, minute=59, second=59) + timedelta(days=days) for days in AFTER_DAYS]
+    moments = [newest.replace(hour=23, minute=59, second=59) + timedelta(days=days) for days in AFTER_DAYS]
     if minor in PYTHONS:
         wheels = datetime.fromisoformat(f"{PYTHONS[minor]}T23:59:59+00:00") + timedelta(days=WHEELS_DAYS)
-        found = [max(one, wheels) for one in found]
-    texts = dict.fromkeys(one.strftime("%Y-%m-%dT%H:%M:%SZ") for one in found)
+        moments = [max(one, wheels) for one in moments]
+    texts = dict.fromkeys(one.strftime("%Y-%m-%dT%H:%M:%SZ") for one in moments)
     return tuple(text for text in texts if cell.question.snapshot is None or text < cell.question.snapshot)
 
 
 def _uploaded(cell: Cell, name: str, version: str, *, offline: bool) -> str | None:
     """Return the upload time of a release; None if it is unknown."""
-    for one in releases(name, cell.question.index, None, offline=offline):
-        if Version(one.version) == Version(version):
-            return one.uploaded
+    for release in releases(name, cell.question.index, None, offline=offline):
+        if Version(release.version) == Version(version):
+            return release.uploaded
     return None
 
 
@@ -79,8 +79,8 @@ def usable(
 
     `wheels` leaves out releases that would have to be built.
     """
-    found = releases(name, cell.question.index, cell.question.snapshot, offline=offline)
-    versions = [(Version(one.version), one) for one in found if not one.yanked]
+    listing = releases(name, cell.question.index, cell.question.snapshot, offline=offline)
+    versions = [(Version(one.version), one) for one in listing if not one.yanked]
     return tuple(
         version
         for version, one in versions
@@ -103,6 +103,6 @@ def newest(
     cell: Cell, name: str, instant: str | None, *, offline: bool, within: SpecifierSet | None = None
 ) -> str | None:
     """Return the newest release of a package at a time, within bounds; None if there is none."""
-    found = releases(name, cell.question.index, instant, offline=offline)
-    versions = [Version(one.version) for one in found if not one.yanked and (within is None or one.version in within)]
+    listing = releases(name, cell.question.index, instant, offline=offline)
+    versions = [Version(one.version) for one in listing if not one.yanked and (within is None or one.version in within)]
     return str(max((each for each in versions if not each.is_prerelease), default="")) or None

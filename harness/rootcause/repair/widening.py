@@ -14,7 +14,7 @@ from harness.model.vocabulary import parsed_requirement, required_name
 from harness.rootcause import search
 from harness.rootcause.bench import Trial
 from harness.rootcause.repair import candidate_changes, times
-from harness.rootcause.repair.lab import Lab, versions, weaker
+from harness.rootcause.repair.lab import Lab, find_lost_check, versions
 from harness.rootcause.search import Answer
 
 KINDS = ("requirements", "constraints")
@@ -65,8 +65,8 @@ class Widening:
     def run(self) -> Change:
         """Return the change with each of its bounds as wide as possible."""
         change = self.change
-        for one in self._bounds():
-            change = self._widest(one, change)
+        for bound in self._bounds():
+            change = self._widest(bound, change)
         return change
 
     def _bounds(self) -> Iterator[Bound]:
@@ -77,42 +77,42 @@ class Widening:
             for line in getattr(self.change, kind):
                 name, parsed = required_name(line), parsed_requirement(line)
                 inside = [each.operator in UPPER | LOWER for each in parsed.specifier]
-                known = name in old and name in new and old[name] != new[name]
-                if known and name not in pinned and inside and all(inside) and not parsed.marker:
+                version_changed = name in old and name in new and old[name] != new[name]
+                if version_changed and name not in pinned and inside and all(inside) and not parsed.marker:
                     yield Bound(kind=kind, line=line, good=Version(new[name]), bad=Version(old[name]))
 
-    def _widest(self, one: Bound, change: Change) -> Change:
-        line = self._line(one)
-        specifier = parsed_requirement(one.line).specifier
+    def _widest(self, bound: Bound, change: Change) -> Change:
+        line = self._line(bound)
+        specifier = parsed_requirement(bound.line).specifier
         outside = [place for place, version in enumerate(line) if version not in specifier]
         if len(line) <= 2 or not outside:
             return change
 
         def test(version: Version) -> Answer:
-            trial = self.lab.measure(one.put(change, f"=={version}"), f"with {one.name} {version}")
-            if trial.works and weaker(self.before, trial) is None:
+            trial = self.lab.measure(bound.put(change, f"=={version}"), f"with {bound.name} {version}")
+            if trial.works and find_lost_check(self.before, trial) is None:
                 return Answer.GOOD
             return Answer.BAD if trial.bad else Answer.UNTESTABLE
 
-        known = {0: [Answer.GOOD], outside[0]: [test(line[outside[0]])]}
-        if known[outside[0]] == [Answer.BAD] and line[outside[0] - 1] in specifier:
+        answers = {0: [Answer.GOOD], outside[0]: [test(line[outside[0]])]}
+        if answers[outside[0]] == [Answer.BAD] and line[outside[0] - 1] in specifier:
             return change  # it excludes no release that works
         self.bound += search.bound(len(line))
-        found = search.boundary(line, test, known=known)
-        if found.good is None or found.bad is None:
+        boundary = search.boundary(line, test, prior_answers=answers)
+        if boundary.good is None or boundary.bad is None:
             return change
-        beyond = found.between[0] if found.between else found.bad
-        self.told.append(f"{one.name} {found.good} works, {found.bad} does not")
-        mine = candidate_changes.bound(str(found.good), str(beyond))
-        return one.put(change, str(_instead(specifier, one.side, mine)))
+        beyond = boundary.between[0] if boundary.between else boundary.bad
+        self.told.append(f"{bound.name} {boundary.good} works, {boundary.bad} does not")
+        mine = candidate_changes.bound(str(boundary.good), str(beyond))
+        return bound.put(change, str(_instead(specifier, bound.side, mine)))
 
-    def _line(self, one: Bound) -> list[Version]:
+    def _line(self, bound: Bound) -> list[Version]:
         """Return the releases from the good one to the bad one, both included."""
         python, offline = interpreters.find(self.after.cell.python), self.lab.settings.offline
-        known = times.usable(self.lab.base, one.name, python, wheels=True, offline=offline)
-        low, high = sorted((one.good, one.bad))
-        found = sorted({low, high, *(each for each in known if low < each < high)})
-        return found if one.good == low else found[::-1]
+        releases = times.usable(self.lab.base, bound.name, python, wheels=True, offline=offline)
+        low, high = sorted((bound.good, bound.bad))
+        line = sorted({low, high, *(each for each in releases if low < each < high)})
+        return line if bound.good == low else line[::-1]
 
 
 def _instead(specifier: SpecifierSet, side: frozenset[str], bound: str) -> SpecifierSet:

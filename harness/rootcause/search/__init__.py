@@ -4,15 +4,15 @@
 around candidates that cannot be tested. As answers may be wrong, both repeat tests until they are sure enough.
 """
 
-from harness.rootcause.search.answers import Answer, Asked, Refused, Rules
+from harness.rootcause.search.answers import Answer, Observation, Refused, Rules
 from harness.rootcause.search.boundaries import Boundary, Progress, Search, Turn, bound, boundary
 from harness.rootcause.search.minimal import Minimal, minimise
 
 __all__ = [
     "Answer",
-    "Asked",
     "Boundary",
     "Minimal",
+    "Observation",
     "Progress",
     "Refused",
     "Rules",

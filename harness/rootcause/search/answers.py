@@ -45,7 +45,7 @@ USUAL = Rules()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Asked(Generic[T]):
+class Observation(Generic[T]):
     """One answer, in the order of the search. `free` is true if it was known before."""
 
     candidate: T

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Generic, TypeVar
 
-from harness.rootcause.search.answers import USUAL, Answer, Asked, Refused, Rules
+from harness.rootcause.search.answers import USUAL, Answer, Observation, Refused, Rules
 from harness.rootcause.search.line import Line
 
 T = TypeVar("T")
@@ -42,7 +42,7 @@ class Boundary(Generic[T]):
     bad: T | None
     between: tuple[T, ...]
     confidence: float
-    asked: tuple[Asked[T], ...]
+    asked: tuple[Observation[T], ...]
     refused: Refused | None
     bound: int
     rates: tuple[float, float]
@@ -92,7 +92,7 @@ class Search(Generic[T]):
     candidates: Sequence[T]
     rules: Rules = USUAL
     cost: Sequence[float] = ()
-    asked: list[Asked[T]] = field(default_factory=list, init=False)
+    asked: list[Observation[T]] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         self._answers: list[tuple[int, Answer, Hashable]] = []
@@ -101,7 +101,7 @@ class Search(Generic[T]):
     def note(self, index: int, answer: Answer, why: Hashable = None, *, free: bool = False) -> None:
         """Take an answer. `why` is the failure of an untestable candidate, `free` is true if nothing was run for it."""
         self._answers.append((index, answer, why))
-        self.asked.append(Asked(candidate=self.candidates[index], answer=answer, free=free))
+        self.asked.append(Observation(candidate=self.candidates[index], answer=answer, free=free))
         for stretch in self._stretches:
             stretch.note(index, answer, why)
         self._split()
@@ -151,10 +151,10 @@ class Search(Generic[T]):
     def _split(self) -> None:
         """Split a stretch in which a bad candidate stands before a good one. The last part is searched first."""
         for place, stretch in enumerate(self._stretches):
-            found = stretch.line.split
-            if found is None:
+            split_pair = stretch.line.split
+            if split_pair is None:
                 continue
-            ends = [0, *found, stretch.line.length - 1]
+            ends = [0, *split_pair, stretch.line.length - 1]
             flips = [stretch.flipped, not stretch.flipped, stretch.flipped]
             parts = [
                 self._stretch(stretch.low + low, stretch.low + high, flipped=flipped)
@@ -168,11 +168,11 @@ class Search(Generic[T]):
 
     def _chain(self) -> tuple[Turn[T], ...]:
         """Return each change between two tested candidates, in the order of the line."""
-        said: dict[int, list[Hashable]] = {}
+        answers: dict[int, list[Hashable]] = {}
         for index, answer, why in self._answers:
             if answer is not Answer.UNTESTABLE or why is not None:
-                said.setdefault(index, []).append(why if answer is Answer.UNTESTABLE else answer)
-        kinds = {index: self._kind(index, said[index]) for index in sorted(said)}
+                answers.setdefault(index, []).append(why if answer is Answer.UNTESTABLE else answer)
+        kinds = {index: self._kind(index, answers[index]) for index in sorted(answers)}
         places = list(kinds)
         return tuple(
             Turn(
@@ -186,10 +186,10 @@ class Search(Generic[T]):
             if kinds[low] != kinds[high]
         )
 
-    def _kind(self, index: int, said: Sequence[Hashable]) -> Hashable:
+    def _kind(self, index: int, answers: Sequence[Hashable]) -> Hashable:
         """Return whether a candidate is taken to be good or bad after all its answers, else its failure."""
-        if not {Answer.GOOD, Answer.BAD, Answer.FLAKY} & set(said):
-            return said[-1]
+        if not {Answer.GOOD, Answer.BAD, Answer.FLAKY} & set(answers):
+            return answers[-1]
         for stretch in self._stretches:
             if stretch.low <= index < stretch.low + stretch.line.length:
                 bad = stretch.line.places.bad(index - stretch.low) > 0.5
@@ -202,15 +202,15 @@ def boundary(
     test: Callable[[T], Answer],
     *,
     rules: Rules = USUAL,
-    known: Mapping[int, Sequence[Answer]] | None = None,
+    prior_answers: Mapping[int, Sequence[Answer]] | None = None,
     watch: Callable[[Progress[T]], None] | None = None,
 ) -> Boundary[T]:
     """Find where candidates turn from good to bad. The first is assumed to be good, the last to be bad.
 
-    `known` maps places of candidates to answers at hand. Exceptions of `test` pass through.
+    `prior_answers` maps places of candidates to answers at hand. Exceptions of `test` pass through.
     """
     search = Search(candidates, rules)
-    for place, answers in (known or {}).items():
+    for place, answers in (prior_answers or {}).items():
         for answer in answers:
             search.note(place, answer, free=True)
     while (index := search.next()) is not None:

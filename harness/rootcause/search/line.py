@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from harness.rootcause.search.answers import Answer, Refused, Rules
-from harness.rootcause.search.posterior import Posterior, weighed
+from harness.rootcause.search.posterior import Posterior, compute_posterior
 
 CHEAP = 0.25
 """How much of what it tells may be given up for an answer that costs nothing."""
@@ -54,8 +54,8 @@ class Line:
             self.good[index] += answer is not Answer.BAD
             self.bad[index] += {Answer.GOOD: 0, Answer.FLAKY: 1}.get(answer, self.rules.looks)
             self.untestable.pop(index, None)
-        for kept in ("places", "contradiction", "gaps"):
-            self.__dict__.pop(kept, None)
+        for cached_name in ("places", "contradiction", "gaps"):
+            self.__dict__.pop(cached_name, None)
         self._give_up()
 
     def next(self) -> int | None:
@@ -78,14 +78,14 @@ class Line:
         following = self.next()
         if following is None:
             return ()
-        found = []
+        candidates = []
         for answer in (Answer.GOOD, Answer.BAD):
             other = deepcopy(self)
             other.note(following, answer)
-            found.append(other.next())
+            candidates.append(other.next())
         if self.places.bad(following) > 0.5:
-            found.reverse()
-        return tuple(dict.fromkeys(index for index in found if index is not None and index != following))
+            candidates.reverse()
+        return tuple(dict.fromkeys(index for index in candidates if index is not None and index != following))
 
     @property
     def left(self) -> int:
@@ -99,7 +99,7 @@ class Line:
     @cached_property
     def places(self) -> Posterior:
         """Return the probability of each place of the boundary."""
-        return weighed(self.good, self.bad)
+        return compute_posterior(self.good, self.bad)
 
     @property
     def gap(self) -> Gap:
@@ -176,14 +176,14 @@ class Line:
 
         Neither of the two ever gave another answer.
         """
-        found: list[tuple[int, int]] = []
+        pairs: list[tuple[int, int]] = []
         last: int | None = None
         for index in range(self.length):
             if self.bad[index] and not self.good[index]:
                 last = index
             elif self.good[index] and not self.bad[index] and last is not None:
-                found.append((last, index))
-        return max(found, key=lambda pair: (self._surprise(pair), -pair[1])) if found else None
+                pairs.append((last, index))
+        return max(pairs, key=lambda pair: (self._surprise(pair), -pair[1])) if pairs else None
 
     def _surprise(self, pair: tuple[int, int]) -> float:
         return max(1 - self.places.bad(pair[0]), self.places.bad(pair[1]))

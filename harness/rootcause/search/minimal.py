@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from harness.rootcause.search.answers import USUAL, Answer, Asked, Rules
+from harness.rootcause.search.answers import USUAL, Answer, Observation, Rules
 from harness.rootcause.search.boundaries import bound, boundary
 
 T = TypeVar("T")
@@ -25,7 +25,7 @@ class Minimal(Generic[T]):
     """
 
     items: tuple[T, ...] | None
-    asked: tuple[Asked[tuple[T, ...]], ...]
+    asked: tuple[Observation[tuple[T, ...]], ...]
     bound: int
     unsure: tuple[T, ...] = ()
 
@@ -51,17 +51,17 @@ class _Search(Generic[T]):
         self.items = tuple(items)
         self.test = test
         self.rules = rules
-        self.asked: list[Asked[tuple[T, ...]]] = []
+        self.asked: list[Observation[tuple[T, ...]]] = []
         self.answers: dict[frozenset[int], list[Answer]] = {}
 
     def run(self) -> Minimal[T]:
         needed: frozenset[int] = frozenset()
         rest = len(self.items)
         while True:
-            found = self._shortest(needed, rest)
-            if found is None:
+            span = self._shortest(needed, rest)
+            if span is None:
                 break
-            low, high = found
+            low, high = span
             needed |= frozenset(range(low, high))
             rest = low
             if not rest or self._good(needed):
@@ -70,9 +70,9 @@ class _Search(Generic[T]):
             return self._told(None, ())
         return self._told(*self._spared(needed | frozenset(range(rest))))
 
-    def _told(self, found: frozenset[int] | None, unsure: Sequence[int]) -> Minimal[T]:
+    def _told(self, indices: frozenset[int] | None, unsure: Sequence[int]) -> Minimal[T]:
         return Minimal(
-            items=None if found is None else self._set(found),
+            items=None if indices is None else self._set(indices),
             asked=tuple(self.asked),
             bound=bound(len(self.items) + 1),
             unsure=tuple(self.items[index] for index in unsure),
@@ -84,7 +84,7 @@ class _Search(Generic[T]):
     def _ask(self, indices: frozenset[int]) -> Answer:
         chosen = self._set(indices)
         answer = self.test(chosen)
-        self.asked.append(Asked(candidate=chosen, answer=answer))
+        self.asked.append(Observation(candidate=chosen, answer=answer))
         self.answers.setdefault(indices, []).append(answer)
         return answer
 
@@ -94,11 +94,11 @@ class _Search(Generic[T]):
         The needed items are added to each prefix. None if all items together do not cure.
         """
         sets = [needed | frozenset(range(count)) for count in range(rest, -1, -1)]
-        known = {place: self.answers[each] for place, each in enumerate(sets) if each in self.answers}
-        found = boundary(sets, self._ask, rules=self.rules, known=known)
-        if found.good is None or found.bad is None:
+        answers = {place: self.answers[each] for place, each in enumerate(sets) if each in self.answers}
+        edge = boundary(sets, self._ask, rules=self.rules, prior_answers=answers)
+        if edge.good is None or edge.bad is None:
             return None
-        return len(sets) - 1 - sets.index(found.bad), len(sets) - 1 - sets.index(found.good)
+        return len(sets) - 1 - sets.index(edge.bad), len(sets) - 1 - sets.index(edge.good)
 
     def _good(self, indices: frozenset[int]) -> bool:
         """Return whether a set cures. It is tested until one side leads by as much as the confidence requires."""

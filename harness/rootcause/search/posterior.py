@@ -47,18 +47,18 @@ class Posterior:
 
     def gains(self) -> list[float]:
         """Return the information that a test of each candidate gives about the place, in bits."""
-        told = list(zip(self.mass, self.bad_if_bad, self.bad_if_good, strict=True))
-        yes = list(accumulate(m * b for m, b, _ in told))
-        no = list(accumulate(m * g for m, _, g in told))
-        left = list(accumulate(m * _entropy(b) for m, b, _ in told))
-        right = list(accumulate(m * _entropy(g) for m, _, g in told))
+        rows = list(zip(self.mass, self.bad_if_bad, self.bad_if_good, strict=True))
+        yes = list(accumulate(m * b for m, b, _ in rows))
+        no = list(accumulate(m * g for m, _, g in rows))
+        left = list(accumulate(m * _entropy(b) for m, b, _ in rows))
+        right = list(accumulate(m * _entropy(g) for m, _, g in rows))
         return [
             max(0.0, _entropy(yes[i] + no[-1] - no[i]) - left[i] - (right[-1] - right[i]))
             for i in range(len(self.mass) - 1)
         ]
 
 
-def weighed(good: Sequence[int], bad: Sequence[int]) -> Posterior:
+def compute_posterior(good: Sequence[int], bad: Sequence[int]) -> Posterior:
     """Return the probabilities of the places, after each candidate was seen good and bad so many times."""
     count = len(good)
     seen = [index for index in range(count) if good[index] or bad[index]]
@@ -93,10 +93,10 @@ def _likely(seen: Sequence[tuple[int, int]], missed: float, feigned: float, weig
     """Return the logarithms of the likelihood of the answers, for one pair of rates, in each stretch of places."""
     good_right, good_wrong = math.log(1 - feigned), math.log(missed)
     bad_right, bad_wrong = math.log(1 - missed), math.log(feigned)
-    found = [math.log(weight) + sum(good * good_wrong + bad * bad_right for good, bad in seen)]
+    log_likelihoods = [math.log(weight) + sum(good * good_wrong + bad * bad_right for good, bad in seen)]
     for good, bad in seen:
-        found.append(found[-1] + good * (good_right - good_wrong) + bad * (bad_wrong - bad_right))
-    return found
+        log_likelihoods.append(log_likelihoods[-1] + good * (good_right - good_wrong) + bad * (bad_wrong - bad_right))
+    return log_likelihoods
 
 
 def _spread(values: Sequence[float], sizes: Sequence[int]) -> list[float]:

@@ -1,6 +1,6 @@
 """Schedule many cells: resolve each question once, make each environment once, reuse results, run several at a time."""
 
-from harness.running.scheduler.control import Beside, Controlled
+from harness.running.scheduler.control import ControlledRunner, QuietObserver
 from harness.running.scheduler.flow import run
 from harness.running.scheduler.runner import Prepared, Runner
 from harness.running.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
@@ -8,10 +8,10 @@ from harness.running.scheduler.settings import AUTO, WAITING, Observer, Settings
 __all__ = [
     "AUTO",
     "WAITING",
-    "Beside",
-    "Controlled",
+    "ControlledRunner",
     "Observer",
     "Prepared",
+    "QuietObserver",
     "Runner",
     "Settings",
     "default_jobs",

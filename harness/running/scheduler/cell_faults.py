@@ -47,28 +47,28 @@ def fault(owner: Owner, cell: Cell, phase: Phase, error: Exception) -> Step:
     if isinstance(error, BrokenPipeError) or (isinstance(error, BadInput) and not of_matrix) or process.stopped():
         raise error
     if of_matrix:
-        return Step(phase=phase, outcome=Outcome.FAILED, decisive=decisive_line.bounded(str(error)))
+        return Step(phase=phase, outcome=Outcome.FAILED, decisive=decisive_line.shorten_line(str(error)))
     if isinstance(error, CouldNotTell):
-        return Step(phase=phase, outcome=Outcome.INFRA, decisive=decisive_line.bounded(str(error)))
+        return Step(phase=phase, outcome=Outcome.INFRA, decisive=decisive_line.shorten_line(str(error)))
     places = {**owner.places, str(Path(harness.__file__).parent): "$HARNESS", sys.base_prefix: "$PYTHON"}
-    said = f"{type(error).__name__}: {error}"[:1000]
-    log = _kept(owner, cell, error, places)
+    summary = f"{type(error).__name__}: {error}"[:1000]
+    log = _keep_traceback(owner, cell, error, places)
     machine = in_the_way(error)
     if machine:
-        told = f"{machine}; mend that and run it again"
+        reason = f"{machine}; mend that and run it again"
     else:
-        told = f"a fault of simmatrix, not of the packages: {said}"
+        reason = f"a fault of simmatrix, not of the packages: {summary}"
         where = f"; please report it with {log}" if log else "; please report it"
-        owner.observer.say(f"{cell.id}: {decisive_line.bounded(told)}{where}")
+        owner.observer.say(f"{cell.id}: {decisive_line.shorten_line(reason)}{where}")
     return Step(
         phase=phase,
         outcome=Outcome.INFRA,
-        decisive=decisive_line.bounded(decisive_line.normalise(told, places)),
+        decisive=decisive_line.shorten_line(decisive_line.normalise(reason, places)),
         log=log,
     )
 
 
-def _kept(owner: Owner, cell: Cell, error: Exception, places: Mapping[str, str]) -> str | None:
+def _keep_traceback(owner: Owner, cell: Cell, error: Exception, places: Mapping[str, str]) -> str | None:
     """Keep the traceback; return where, below the state folder, or None where even that fails."""
     with suppress(Exception):
         text = "".join(traceback.format_exception(error, limit=-FRAMES))

@@ -11,11 +11,11 @@ from harness.running import controls
 from harness.running.scheduler import cell_faults
 from harness.running.scheduler.runner import Runner
 from harness.running.scheduler.settings import Observer
-from harness.running.scheduler.steps import Steps, carry_out, known, pending
+from harness.running.scheduler.steps import Steps, carry_out, peek, pending
 
 
 @dataclass(frozen=True, slots=True)
-class Controlled:
+class ControlledRunner:
     """A runner of cells that completes each record with the controls that it turns on.
 
     `results` has the record of every control that was asked for, by its id; runners of other settings may share it.
@@ -32,7 +32,7 @@ class Controlled:
         """Return the record of a cell of which everything is known; None where something has to be done."""
         record = self.runner.known(cell)
         try:
-            return known(self._completed(record)) if record else None
+            return peek(self._completed(record)) if record else None
         except BadInput:
             raise
         except Exception:  # Unknown; anything else is met again, and said, where something is done about the cell
@@ -40,9 +40,9 @@ class Controlled:
 
     def due(self, record: CellRecord) -> Iterator[Cell]:
         """Yield the controls that a record turns on and that nobody has asked for yet."""
-        for found in controls.wanted(record).values():
-            if isinstance(found, Cell) and found.id not in self.results:
-                yield found
+        for control in controls.find_controls(record).values():
+            if isinstance(control, Cell) and control.id not in self.results:
+                yield control
 
     def complete(self, record: CellRecord) -> CellRecord:
         """Return a record with the controls that it turns on, which are run where they have not been."""
@@ -54,7 +54,7 @@ class Controlled:
 
     def _completed(self, record: CellRecord) -> Steps[CellRecord]:
         results = {}
-        for api, control in controls.wanted(record).items():
+        for api, control in controls.find_controls(record).items():
             results[api] = yield from self._result(control)
         if results == record.controls:
             return record
@@ -77,11 +77,13 @@ class Controlled:
     def _recorded(self, control: Cell) -> Steps[ControlRecord]:
         """Look a control up or measure it, to the last phase; keep its record as that of any cell."""
         runner = self.runner
-        beside = replace(runner, settings=replace(runner.settings, until=Phase.SUITE), observer=Beside(runner.observer))
+        beside = replace(
+            runner, settings=replace(runner.settings, until=Phase.SUITE), observer=QuietObserver(runner.observer)
+        )
         record = beside.known(control) or (yield from pending(lambda: self._measured(beside, control)))
         beside.keep(record)
         text = (runner.store.folder / record.lock).read_text(encoding="utf-8") if record.lock else None
-        return controls.said(record, text)
+        return controls.judge(record, text)
 
     def _measured(self, beside: Runner, control: Cell) -> CellRecord:
         case, name = control.cases[0], _name(control)
@@ -93,7 +95,7 @@ def _name(control: Cell) -> str:
     return f"control {control.label}"
 
 
-class Beside:
+class QuietObserver:
     """An observer that passes on only what a user has to know of controls: their cells are not counted."""
 
     def __init__(self, observer: Observer) -> None:

@@ -30,7 +30,7 @@ from harness.probes.vault import Vault
 from harness.running import controls
 from harness.running.scheduler import cell_faults
 from harness.running.scheduler.admission import Room
-from harness.running.scheduler.control import Controlled
+from harness.running.scheduler.control import ControlledRunner
 from harness.running.scheduler.cost_history import Past
 from harness.running.scheduler.records import stopped
 from harness.running.scheduler.runner import Prepared, Runner
@@ -86,7 +86,7 @@ class Flow:
     """The cells on their way, seen and changed by one thread only."""
 
     def __init__(self, runner: Runner) -> None:
-        self.runner, self.controlled = runner, Controlled(runner)
+        self.runner, self.controlled = runner, ControlledRunner(runner)
         self.records: dict[str, CellRecord] = {}
         settings = runner.settings
         memory = settings.reading if settings.jobs == AUTO else None

@@ -12,7 +12,7 @@ from harness.packages import index_settings
 FILE = "file://"
 
 
-def lasts(lock: Lock, question: Question, made: int) -> bool:
+def is_still_valid(lock: Lock, question: Question, locked_at: int) -> bool:
     """Return whether nothing can have changed that the lock, made at this time in nanoseconds, depends on.
 
     The instant in the question fixes all packages but those that escaped it. These must come from folders of files, and
@@ -27,7 +27,7 @@ def lasts(lock: Lock, question: Question, made: int) -> bool:
     folders = [Path(unquote(link.removeprefix(FILE))) for link in links]
     elsewhere = {Path(unquote(source.removeprefix(FILE))).parent.resolve() for source in sources}
     elsewhere -= {folder.resolve() for folder in folders}
-    return not elsewhere and all(changed < made for folder in folders for changed in _changes(folder))
+    return not elsewhere and all(changed < locked_at for folder in folders for changed in _changes(folder))
 
 
 def _changes(folder: Path) -> Iterator[float]:

@@ -32,22 +32,22 @@ def due(record: CellRecord) -> tuple[Mapping[str, str], ...]:
     return this_machine.other_ways(record.supplied, record.cell.environment, record.installed or ())
 
 
-def drawn_otherwise(record: CellRecord, cases: Iterable[Case], around: Around) -> CellRecord:
+def retry_drawing(record: CellRecord, cases: Iterable[Case], around: Around) -> CellRecord:
     """Return the record under the first other settings with which everything that failed to draw passes.
 
     If there are none, return the record as it is, with a note of the settings that were tried. Failed cases are tried
     first, and the rest only if they pass: a user has one set of settings for all of it.
     """
-    asked, tried = tuple(cases), []
+    all_cases, tried = tuple(cases), []
     for supplied in due(record):
         other = replace(record, supplied=supplied)
         context = around(other)
         phases = {case.case: _failed(case) for case in record.cases}
-        again = (case_run.run_case(context, _only(case, phases[case.id])) for case in asked if phases.get(case.id))
+        again = (case_run.run_case(context, _only(case, phases[case.id])) for case in all_cases if phases.get(case.id))
         if all(not _fails(case) for case in again):
-            found = tuple(case_run.run_case(context, case) for case in asked)
-            if _no_worse(record.cases, found):
-                return replace(other, cases=found)
+            case_records = tuple(case_run.run_case(context, case) for case in all_cases)
+            if _no_worse(record.cases, case_records):
+                return replace(other, cases=case_records)
         tried.append(" ".join(f"{name}={value}" for name, value in supplied.items()))
     if not tried:
         return record
@@ -76,8 +76,8 @@ def _fails(case: CaseRecord) -> bool:
 
 def _no_worse(before: Iterable[CaseRecord], after: Iterable[CaseRecord]) -> bool:
     """Tell whether each phase that passed still does."""
-    known = {(case.case, phase.phase): phase for case in after for phase in case.phases}
-    return all(_passed(known.get((case.case, one.phase))) for case in before for one in case.phases if _passed(one))
+    by_phase = {(case.case, phase.phase): phase for case in after for phase in case.phases}
+    return all(_passed(by_phase.get((case.case, one.phase))) for case in before for one in case.phases if _passed(one))
 
 
 def _passed(phase: PhaseRecord | None) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from harness.machine.store import Installed, now
+from harness.machine.store import InstallResult, now
 from harness.model import Case, CaseRecord, Cell, CellRecord, Outcome, Phase, PhaseRecord, Step
 from harness.model.vocabulary import FAMILY
 from harness.running import case_run
@@ -36,15 +36,17 @@ def not_reached(cell: Cell) -> tuple[CaseRecord, ...]:
     return tuple(case_run.not_reached(case) for case in cell.cases)
 
 
-def with_modules(case: Case, installed: Installed) -> Case:
+def with_modules(case: Case, installed: InstallResult) -> Case:
     """Return the case with the modules of its packages; a package without modules is left to fail by its name.
 
     Those that declare that they need the API come first: the others may register environments with it, too. Last come
     packages that an extra or another package brought.
     """
     speaking = installed.speaking.get(case.api, ())
-    found = (installed.modules.get(name) or (name.replace("-", "_"),) for name in case.packages)
-    ordered = sorted(zip(case.packages, found, strict=True), key=lambda row: bool(case.api) and row[0] not in speaking)
+    module_names = (installed.modules.get(name) or (name.replace("-", "_"),) for name in case.packages)
+    ordered = sorted(
+        zip(case.packages, module_names, strict=True), key=lambda row: bool(case.api) and row[0] not in speaking
+    )
     modules = tuple(module for _, names in ordered for module in names)
     if case.env is None:
         return replace(case, imports=(*case.imports, *modules))

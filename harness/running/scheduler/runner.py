@@ -11,7 +11,7 @@ from harness.judging.exercised import unregistered
 from harness.machine import interpreters, process, this_machine
 from harness.machine.files.file_locks import claim, exclusive
 from harness.machine.once_per_key import Once
-from harness.machine.store import Installed, Store, digest, question_key
+from harness.machine.store import InstallResult, Store, digest, question_key
 from harness.matrix import overlay_recipes
 from harness.model import (
     Case,
@@ -34,16 +34,16 @@ from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault
 from harness.running import case_run
 from harness.running.scheduler import cell_faults, other_drawing
-from harness.running.scheduler.lock_freshness import lasts
+from harness.running.scheduler.lock_freshness import is_still_valid
 from harness.running.scheduler.records import finished, not_reached, stopped, with_modules
 from harness.running.scheduler.settings import Observer, Settings
 from harness.running.scheduler.shared_environment import NoEnvironment, Pool, code_folder, conditioned, outdated
-from harness.running.scheduler.steps import Steps, carry_out, known, pending
-from harness.running.scheduler.user_supplied import Luggage, missing
+from harness.running.scheduler.steps import Steps, carry_out, peek, pending
+from harness.running.scheduler.user_supplied import BroughtSoftware, missing
 
 if TYPE_CHECKING:
     from harness.packages.environments.environments import Environment
-    from harness.packages.package_under_test import Ready
+    from harness.packages.package_under_test import SubjectWheel
     from harness.running.scheduler import subject_in_cell
 
 
@@ -87,18 +87,18 @@ class Runner:
     observer: Observer
     once: Once = field(default_factory=Once)
     resolved: dict[str, tuple[Lock | None, Step]] = field(default_factory=dict)
-    installed: dict[str, Installed] = field(default_factory=dict)
+    installed: dict[str, InstallResult] = field(default_factory=dict)
     environments: dict[str, Environment] = field(default_factory=dict)
     doubted: set[str] = field(default_factory=set)
     measured: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    subjects: dict[str, Ready | Step] = field(default_factory=dict)
+    subjects: dict[str, SubjectWheel | Step] = field(default_factory=dict)
     places: Mapping[str, str] = field(default_factory=uv_command.places)
     pythons: dict[str, Interpreter] = field(default_factory=dict)
     unchanged: set[str] = field(default_factory=set)
-    luggage: Luggage = field(init=False)
+    luggage: BroughtSoftware = field(init=False)
 
     def __post_init__(self) -> None:
-        self.luggage = Luggage(offline=self.settings.offline)
+        self.luggage = BroughtSoftware(offline=self.settings.offline)
 
     def measure(self, cell: Cell) -> CellRecord:
         """Take one cell through its phases; keep its results, but not its record."""
@@ -119,7 +119,7 @@ class Runner:
     def known(self, cell: Cell) -> CellRecord | None:
         """Return the record of a cell of which everything is known; None where something has to be done."""
         try:
-            ready = known(self._prepared(cell))
+            ready = peek(self._prepared(cell))
             return ready.record if ready.told else finished(ready.record)
         except BadInput:
             raise
@@ -152,7 +152,7 @@ class Runner:
                     record, cases=tuple(self._case(record.cell, ready.context, case) for case in ready.cases)
                 )
                 if ready.around:
-                    record = other_drawing.drawn_otherwise(record, ready.cases, ready.around)
+                    record = other_drawing.retry_drawing(record, ready.cases, ready.around)
                 record = replace(record, suite=ready.suite.measure(record.cases) if ready.suite else None)
             except NoEnvironment as failure:
                 record = stopped(record, failure.step)
@@ -169,14 +169,14 @@ class Runner:
         except NoEnvironment:
             raise
         except Exception as error:
-            return case_run.untold(case, cell_faults.fault(self, cell, Phase.IMPORT, error))
+            return case_run.inconclusive_record(case, cell_faults.fault(self, cell, Phase.IMPORT, error))
 
     # --- resolving -------------------------------------------------------------------------------------------------
 
     def lock_of(self, cell: Cell, interpreter: Interpreter) -> tuple[Lock | None, Step]:
         """Return the lock of a cell, or the step that failed; build its subject for that, if it has one."""
-        asked, tested = carry_out(self._asked(cell, interpreter))
-        return (None, tested) if isinstance(tested, Step) else carry_out(self.lock(asked.question, interpreter))
+        full_cell, tested = carry_out(self._asked(cell, interpreter))
+        return (None, tested) if isinstance(tested, Step) else carry_out(self.lock(full_cell.question, interpreter))
 
     def lock(self, question: Question, interpreter: Interpreter) -> Steps[tuple[Lock | None, Step]]:
         """Return the lock of a question and how it came: kept from before, or resolved now, once for all that ask."""
@@ -196,22 +196,24 @@ class Runner:
 
         With `fresh` a lock stays valid as long as `lasts` finds no change; a failed resolution does not.
         """
-        kept = self.store.load_lock(key)
-        if isinstance(kept, Step):
-            mended = uv_failures.may_be_mended(kept) and not self.settings.offline
-            holds = not (outdated(kept) or mended or self.settings.again or self.settings.fresh)
-            return (None, replace(kept, reused=True)) if holds else None
-        if kept is None or (self.settings.fresh and not lasts(kept, question, self.store.locked_at(key))):
+        stored_answer = self.store.load_lock(key)
+        if isinstance(stored_answer, Step):
+            mended = uv_failures.may_be_mended(stored_answer) and not self.settings.offline
+            holds = not (outdated(stored_answer) or mended or self.settings.again or self.settings.fresh)
+            return (None, replace(stored_answer, reused=True)) if holds else None
+        if stored_answer is None or (
+            self.settings.fresh and not is_still_valid(stored_answer, question, self.store.locked_at(key))
+        ):
             return None
-        return kept, Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, reused=True)
+        return stored_answer, Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, reused=True)
 
     def _resolved_lock(self, key: str, question: Question, interpreter: Interpreter) -> tuple[Lock | None, Step]:
         from harness.packages.sources import overlays  # noqa: PLC0415 - start-up
 
         with exclusive(self.store.claim_file(key)):
-            kept = self._kept_lock(key, question)  # another process may have answered while we waited
-            if kept:
-                return kept
+            stored_answer = self._kept_lock(key, question)  # another process may have answered while we waited
+            if stored_answer:
+                return stored_answer
             start = monotonic()
             folder = self.store.evidence(f"lock-{key[:16]}")
             answer = overlays.resolve(question, interpreter, folder, offline=self.settings.offline)
@@ -233,29 +235,32 @@ class Runner:
         if isinstance(interpreter, str) or missing:
             return Prepared(record=replace(record, unavailable=missing, cases=not_reached(cell)))
         record = replace(record, python=interpreter.version, brought=self.luggage.of(cell))
-        asked, tested = yield from self._asked(cell, interpreter)
+        full_cell, tested = yield from self._asked(cell, interpreter)
         if isinstance(tested, Step):
             return Prepared(record=stopped(record, tested))
         record = replace(record, subject=tested.tested if tested else None)
         fetched = self.settings.fetched
-        lock, step = fetched.answer(cell) if fetched else (yield from self.lock(asked.question, interpreter))
+        lock, step = fetched.answer(cell) if fetched else (yield from self.lock(full_cell.question, interpreter))
         record = replace(record, resolve=step)
         if lock is None:
             return Prepared(record=stopped(record, step))
         record = replace(
-            record, repairs=overlay_recipes.used(asked.question.overlay, (one.artifact.sha256 for one in lock.pins))
+            record,
+            repairs=overlay_recipes.select_by_hash(
+                full_cell.question.overlay, (one.artifact.sha256 for one in lock.pins)
+            ),
         )
         file = self.store.relative(self.store.lock_file(lock))
-        supplied = this_machine.supplied(cell.environment, cell.needs, lock.versions)
+        supplied = this_machine.choose_variables(cell.environment, cell.needs, lock.versions)
         record = replace(record, lock=file, lock_sha256=lock.sha256, supplied=supplied)
         if self.settings.until is Phase.RESOLVE:
             return Prepared(record=record)
         try:
-            return (yield from self._installed(record, Pool(self, asked, lock, interpreter), tested))
+            return (yield from self._installed(record, Pool(self, full_cell, lock, interpreter), tested))
         except Exception as error:
             raise InstallFault(record, error) from error
 
-    def _asked(self, cell: Cell, interpreter: Interpreter) -> Steps[tuple[Cell, Ready | Step | None]]:
+    def _asked(self, cell: Cell, interpreter: Interpreter) -> Steps[tuple[Cell, SubjectWheel | Step | None]]:
         """Return the cell with its full question, and its subject, if it has one, or the step why there is no wheel."""
         if cell.subject is None:
             return cell, None
@@ -265,23 +270,25 @@ class Runner:
         tested = yield from subject_in_cell.ready(self, cell, interpreter)
         if isinstance(tested, Step):
             return cell, tested
-        question = package_under_test.completed(cell.question, cell.subject, tested, interpreter)
+        question = package_under_test.complete_question(cell.question, cell.subject, tested, interpreter)
         return replace(cell, question=question), tested
 
     def _interpreter(self, cell: Cell) -> Steps[Interpreter | str]:
         """Return the Python of a cell, or why there is none."""
         if self.settings.fetched:
             return self.settings.fetched.interpreter(cell)
-        found = self.pythons.get(cell.python)
-        if found is None:
-            found = interpreters.obtain(cell.python, offline=True)
-            if found is None:  # it may be there to be downloaded
-                found = yield from pending(lambda: interpreters.obtain(cell.python, offline=self.settings.offline))
-            if found:
-                self.pythons[cell.python] = found
-        return found or interpreters.hint(cell.python)
+        interpreter = self.pythons.get(cell.python)
+        if interpreter is None:
+            interpreter = interpreters.obtain(cell.python, offline=True)
+            if interpreter is None:  # it may be there to be downloaded
+                interpreter = yield from pending(
+                    lambda: interpreters.obtain(cell.python, offline=self.settings.offline)
+                )
+            if interpreter:
+                self.pythons[cell.python] = interpreter
+        return interpreter or interpreters.hint(cell.python)
 
-    def _installed(self, record: CellRecord, pool: Pool, tested: Ready | None) -> Steps[Prepared]:
+    def _installed(self, record: CellRecord, pool: Pool, tested: SubjectWheel | None) -> Steps[Prepared]:
         """Install, unless every result is known already."""
         install = pool.kept() or (yield from pending(pool.install))
         if install.failed:
@@ -307,25 +314,27 @@ class Runner:
         except NoEnvironment as failure:
             return Prepared(record=stopped(record, failure.step))
 
-    def _extended(self, known: Installed, tested: Ready) -> Installed:
+    def _extended(self, install: InstallResult, tested: SubjectWheel) -> InstallResult:
         from harness.running.scheduler import subject_in_cell  # noqa: PLC0415 - start-up
 
-        return subject_in_cell.extended(known, tested)
+        return subject_in_cell.extended(install, tested)
 
-    def _known_cases(self, record: CellRecord, pool: Pool, install: Installed, tested: Ready | None) -> Steps[Prepared]:
+    def _known_cases(
+        self, record: CellRecord, pool: Pool, install: InstallResult, tested: SubjectWheel | None
+    ) -> Steps[Prepared]:
         context = self._context(record, pool, tested)
         cases = tuple(with_modules(case, install) for case in record.cell.cases)
         mark = digest(case_run.mark(context, cases, record.lock_sha256), sorted(record.supplied.items()))
         record = record if tested else replace(record, mark=mark)
-        told = self._told(record)
-        if told:
-            return Prepared(record=told, told=True)
+        last_record = self._told(record)
+        if last_record:
+            return Prepared(record=last_record, told=True)
         stored = [case_run.stored_case(context, case) for case in cases]
-        found = tuple(one for one in stored if one)
+        case_records = tuple(one for one in stored if one)
         suite = yield from self._suite(record, pool, tested)
-        if len(found) == len(stored):
-            whole, ended = suite.known(found) if suite else (True, None)
-            complete = replace(record, cases=found, suite=ended)
+        if len(case_records) == len(stored):
+            whole, ended = suite.known(case_records) if suite else (True, None)
+            complete = replace(record, cases=case_records, suite=ended)
             if whole and not other_drawing.due(complete):
                 return Prepared(record=complete)
         yield from pending(lambda: self._place(pool, tested))
@@ -344,15 +353,19 @@ class Runner:
         """Return the last record of the cell, if all that it depends on is the same."""
         if self.settings.fresh or self.settings.again or record.mark is None:
             return None
-        kept = self.store.load_cell(record.machine, record.cell)
-        if kept is None or kept.mark != record.mark:
+        last_record = self.store.load_cell(record.machine, record.cell)
+        if last_record is None or last_record.mark != record.mark:
             return None
-        if kept.cell == record.cell:
+        if last_record.cell == record.cell:
             self.unchanged.add(record.cell.id)
-        versions = record.installed if record.installed == kept.installed else kept.installed  # one of many cells
-        return replace(kept, cell=record.cell, installed=versions, reused=True)
+        versions = (
+            record.installed if record.installed == last_record.installed else last_record.installed
+        )  # one of many cells
+        return replace(last_record, cell=record.cell, installed=versions, reused=True)
 
-    def _suite(self, record: CellRecord, pool: Pool, tested: Ready | None) -> Steps[subject_in_cell.Suite | None]:
+    def _suite(
+        self, record: CellRecord, pool: Pool, tested: SubjectWheel | None
+    ) -> Steps[subject_in_cell.Suite | None]:
         """Return the subject's own suite, resolved and installed; None if the cell has none or stops before it."""
         cell = record.cell
         wanted = tested and cell.subject and cell.subject.suite and self.settings.until is Phase.SUITE
@@ -372,7 +385,7 @@ class Runner:
         yield from suite.prepare()
         return suite
 
-    def _place(self, pool: Pool, tested: Ready | None) -> tuple[Environment, Environment | None]:
+    def _place(self, pool: Pool, tested: SubjectWheel | None) -> tuple[Environment, Environment | None]:
         """Return the environment that a cell is probed in, and the environment below it, if it is a thin layer."""
         if tested is None:
             return pool.environment(), None
@@ -410,18 +423,18 @@ class Runner:
         """Tell whether environments are as they were installed; if one is not, later requests get a new one."""
         from harness.packages.environments import bytecode, environments  # noqa: PLC0415 - start-up
 
-        if all(environments.stands(one) for one in used):
+        if all(environments.is_intact(one) for one in used):
             return True
-        for one in used:  # one that lies on top leads on to the other
-            for key in [key for key, made in self.environments.items() if made is one]:
+        for environment in used:  # one that lies on top leads on to the other
+            for key in [key for key, made in self.environments.items() if made is environment]:
                 with self.once.turn(("environment", key)):
-                    environments.discard(one, used=True)
-                    bytecode.forget(code_folder(one))
+                    environments.discard(environment, used=True)
+                    bytecode.forget(code_folder(environment))
                     self.doubted.add(key)
                     self.environments.pop(key, None)
         return False
 
-    def _context(self, record: CellRecord, pool: Pool, tested: Ready | None) -> case_run.Context:
+    def _context(self, record: CellRecord, pool: Pool, tested: SubjectWheel | None) -> case_run.Context:
         cell = record.cell
         on_top = (tested.tested.content,) if tested else ()
         return case_run.Context(
@@ -430,7 +443,9 @@ class Runner:
                 site=lambda: self._site(record, *self._place(pool, tested)),
                 host=Host(
                     python=record.python or "",
-                    undrawable=this_machine.undrawable({**record.supplied, **cell.environment}, pool.lock.versions),
+                    undrawable=this_machine.explain_undrawable(
+                        {**record.supplied, **cell.environment}, pool.lock.versions
+                    ),
                     conditions=this_machine.conditions(),
                 ),
                 places=self.places,
@@ -448,19 +463,24 @@ class Runner:
         """Return whether a run that was to stop early has nothing to say against what is known of the same lock."""
         if self.settings.until not in {Phase.RESOLVE, Phase.INSTALL} or not record.lock:
             return False
-        kept = self.store.load_cell(record.machine, record.cell)
+        last_record = self.store.load_cell(record.machine, record.cell)
         failed = record.install is not None and record.install.outcome is not Outcome.PASSED
-        return not failed and kept is not None and kept.cell == record.cell and kept.lock_sha256 == record.lock_sha256
+        return (
+            not failed
+            and last_record is not None
+            and last_record.cell == record.cell
+            and last_record.lock_sha256 == record.lock_sha256
+        )
 
 
 def _missing(cell: Cell) -> str | None:
     """Return a sentence on the needs of the cell that this machine lacks, and their remedies; None if it lacks none."""
-    lacking = "; ".join(filter(None, (*missing(cell), this_machine.missing_for(cell.needs)))) or None
+    lacking = "; ".join(filter(None, (*missing(cell), this_machine.describe_missing(cell.needs)))) or None
     if lacking or not cell.system:
         return lacking
     from harness.machine import debian_packages  # noqa: PLC0415 - start-up
 
-    return debian_packages.missing(cell.system)
+    return debian_packages.describe_missing(cell.system)
 
 
 def _unchecked(cell: Cell) -> tuple[Finding, ...]:

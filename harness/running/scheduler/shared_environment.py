@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from harness.machine import this_machine
 from harness.machine.once_per_key import Once
-from harness.machine.store import Installed, Store, cache_folder, digest
+from harness.machine.store import InstallResult, Store, cache_folder, digest
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import FAMILY
@@ -27,7 +27,7 @@ class Owner(Protocol):
     settings: Settings
     observer: Observer
     once: Once
-    installed: dict[str, Installed]
+    installed: dict[str, InstallResult]
     environments: dict[str, Environment]
     doubted: set[str]
 
@@ -56,60 +56,60 @@ class Pool:
         )
         self.known = False
 
-    def kept(self) -> Installed | None:
+    def kept(self) -> InstallResult | None:
         """Return the stored result of the install, if it still holds."""
-        known, settings = self.owner.installed.get(self.key), self.owner.settings
-        if known is None:
-            known = None if settings.fresh else self.owner.store.load_installed(self.key)
-            if known is None or (known.failed and (settings.again or outdated(known.failed))):
+        result, settings = self.owner.installed.get(self.key), self.owner.settings
+        if result is None:
+            result = None if settings.fresh else self.owner.store.load_installed(self.key)
+            if result is None or (result.failed and (settings.again or outdated(result.failed))):
                 return None
-            self.owner.installed[self.key] = known
+            self.owner.installed[self.key] = result
         self.known = True
-        return replace(known, failed=replace(known.failed, reused=True)) if known.failed else known
+        return replace(result, failed=replace(result.failed, reused=True)) if result.failed else result
 
-    def install(self) -> Installed:
+    def install(self) -> InstallResult:
         """Make the environment, keep the result of the install and return it."""
         with self.owner.once.turn(("install", self.key)):
-            known = self.kept()  # another thread may have made it while we waited
-            if known:
-                return known
-            known = self._new()
-            if known.failed is None or known.failed.outcome is Outcome.FAILED:
-                self.owner.store.save_installed(self.key, known)
-            self.owner.installed[self.key] = known
-        return known
+            result = self.kept()  # another thread may have made it while we waited
+            if result:
+                return result
+            result = self._new()
+            if result.failed is None or result.failed.outcome is Outcome.FAILED:
+                self.owner.store.save_installed(self.key, result)
+            self.owner.installed[self.key] = result
+        return result
 
-    def _new(self) -> Installed:
+    def _new(self) -> InstallResult:
         try:
-            made = self.environment()
+            environment = self.environment()
         except NoEnvironment as failure:
-            return Installed(failed=conditioned(failure.step))
+            return InstallResult(failed=conditioned(failure.step))
         try:
-            return self._found(made)
+            return self._found(environment)
         except Unreadable:  # it was damaged: once more, from its wheels
-            self._discard(made)
+            self._discard(environment)
         try:
             return self._found(self.environment())
         except NoEnvironment as failure:
-            return Installed(failed=conditioned(failure.step))
+            return InstallResult(failed=conditioned(failure.step))
 
-    def _discard(self, made: Environment) -> None:
+    def _discard(self, environment: Environment) -> None:
         from harness.packages.environments import environments  # noqa: PLC0415 - start-up
 
-        environments.discard(made)
+        environments.discard(environment)
         self.owner.environments.pop(self.key, None)
 
-    def _found(self, made: Environment) -> Installed:
+    def _found(self, environment: Environment) -> InstallResult:
         from harness.packages.environments import site_packages  # noqa: PLC0415 - start-up
 
-        return Installed(
-            key=made.key,
-            versions=made.installed,
-            modules=site_packages.modules(made.path),
-            speaking={api: site_packages.requiring(made.path, api) for api in FAMILY},
-            unheld=site_packages.unheld(made.path),
-            seconds=round(made.seconds, 3),
-            findings=made.findings,
+        return InstallResult(
+            key=environment.key,
+            versions=environment.installed,
+            modules=site_packages.modules(environment.path),
+            speaking={api: site_packages.requiring(environment.path, api) for api in FAMILY},
+            unheld=site_packages.find_unmet(environment.path),
+            seconds=round(environment.seconds, 3),
+            findings=environment.findings,
         )
 
     def environment(self) -> Environment:
@@ -123,7 +123,7 @@ class Pool:
                 if (
                     self.owner.settings.verify
                     and not isinstance(made, Step)
-                    and not environments.stands(made, thorough=True)
+                    and not environments.is_intact(made, thorough=True)
                 ):
                     environments.discard(made)
                     made = self._ensured()
@@ -143,7 +143,7 @@ class Pool:
             failed = settings.fetched.supply(self.cell, self.lock, self.interpreter)
             if failed:
                 return failed
-        lock = overlays.supplied(self.lock, self.cell.question, offline=settings.offline)
+        lock = overlays.provide_wheels(self.lock, self.cell.question, offline=settings.offline)
         if isinstance(lock, Step):
             return lock
         thorough = settings.verify or self.key in self.owner.doubted

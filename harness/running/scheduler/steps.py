@@ -34,7 +34,7 @@ def pending(do: Callable[[], T]) -> Steps[T]:
     return result
 
 
-def known(steps: Steps[T]) -> T:
+def peek(steps: Steps[T]) -> T:
     """Return the result of steps that are all known. Raises Unknown at the first that is not, and does nothing."""
     try:
         next(steps)

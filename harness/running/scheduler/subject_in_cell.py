@@ -10,7 +10,7 @@ from harness import model
 from harness.judging.runs import suite as judging
 from harness.machine import this_machine
 from harness.machine.once_per_key import Once
-from harness.machine.store import Installed, Store, digest
+from harness.machine.store import InstallResult, Store, digest
 from harness.model import (
     CaseRecord,
     Cell,
@@ -28,7 +28,7 @@ from harness.model.vocabulary import SELF, parsed_requirement, required_name
 from harness.packages import package_under_test, uv_command
 from harness.packages.environments import environments
 from harness.packages.environments.environments import Environment
-from harness.packages.package_under_test import Ready
+from harness.packages.package_under_test import SubjectWheel
 from harness.probes import launch
 from harness.probes.evidence import Host, Request
 from harness.probes.vault import Vault
@@ -45,21 +45,27 @@ class Owner(Protocol):
     settings: Settings
     observer: Observer
     once: Once
-    installed: dict[str, Installed]
+    installed: dict[str, InstallResult]
     environments: dict[str, Environment]
     doubted: set[str]
     measured: dict[str, tuple[str, ...]]
-    subjects: dict[str, Ready | Step]
+    subjects: dict[str, SubjectWheel | Step]
 
     def lock(self, question: Question, interpreter: Interpreter) -> Steps[tuple[Lock | None, Step]]:
         """Return the lock of a question, or why there is none."""
 
 
-def ready(owner: Owner, cell: Cell, interpreter: Interpreter) -> Steps[Ready | Step]:
+def ready(owner: Owner, cell: Cell, interpreter: Interpreter) -> Steps[SubjectWheel | Step]:
     """Return the wheel of the cell's subject, or the step that failed; made once in a run for each Python."""
     assert cell.subject
-    asked = cell.question
-    inputs = (asked.build_constraints, asked.build_variables, asked.only_binary, asked.index, asked.snapshot)
+    question = cell.question
+    inputs = (
+        question.build_constraints,
+        question.build_variables,
+        question.only_binary,
+        question.index,
+        question.snapshot,
+    )
     key = digest("subject", cell.subject.source, cell.subject.state, interpreter.identity, *inputs)
     with owner.once.turn(("subject", key)):
         if key not in owner.subjects:
@@ -67,64 +73,68 @@ def ready(owner: Owner, cell: Cell, interpreter: Interpreter) -> Steps[Ready | S
     return owner.subjects[key]
 
 
-def _ready(owner: Owner, cell: Cell, interpreter: Interpreter, key: str) -> Steps[Ready | Step]:
+def _ready(owner: Owner, cell: Cell, interpreter: Interpreter, key: str) -> Steps[SubjectWheel | Step]:
     """Return a wheel that was built before, a failure that still holds, or the result of a build now."""
     assert cell.subject
     settings = owner.settings
-    known = package_under_test.kept(cell.subject, interpreter, cell.question)
-    if known:
-        return known
+    wheel = package_under_test.find_wheel(cell.subject, interpreter, cell.question)
+    if wheel:
+        return wheel
     before = None if settings.fresh or settings.again else owner.store.load_installed(key)
     if before and before.failed and not outdated(before.failed):
         return replace(before.failed, reused=True)
     return (yield from pending(lambda: _build(owner, cell, interpreter, key)))
 
 
-def _build(owner: Owner, cell: Cell, interpreter: Interpreter, key: str) -> Ready | Step:
+def _build(owner: Owner, cell: Cell, interpreter: Interpreter, key: str) -> SubjectWheel | Step:
     """Build the wheel of the subject now; keep a failure."""
     assert cell.subject
     owner.observer.step(cell, "build")
-    wheel = package_under_test.ready(cell.subject, interpreter, cell.question, offline=owner.settings.offline)
+    wheel = package_under_test.ensure_wheel(cell.subject, interpreter, cell.question, offline=owner.settings.offline)
     if isinstance(wheel, Step) and wheel.outcome is Outcome.FAILED:
-        owner.store.save_installed(key, Installed(failed=conditioned(wheel)))
+        owner.store.save_installed(key, InstallResult(failed=conditioned(wheel)))
     return wheel
 
 
-def extended(known: Installed, tested: Ready) -> Installed:
+def extended(install: InstallResult, tested: SubjectWheel) -> InstallResult:
     """Return the install with the subject on top of it; the subject may register any environment."""
     name = tested.tested.name
     return replace(
-        known,
-        versions=dict(sorted({**known.versions, name: tested.tested.version}.items())),
-        modules={**known.modules, name: tested.modules, SELF: tested.modules},
-        speaking={api: (*names, SELF) for api, names in known.speaking.items()},
-        findings=(*known.findings, *_refusals(known, tested)),
+        install,
+        versions=dict(sorted({**install.versions, name: tested.tested.version}.items())),
+        modules={**install.modules, name: tested.modules, SELF: tested.modules},
+        speaking={api: (*names, SELF) for api, names in install.speaking.items()},
+        findings=(*install.findings, *_refusals(install, tested)),
     )
 
 
-def _refusals(known: Installed, tested: Ready) -> Iterator[Finding]:
+def _refusals(install: InstallResult, tested: SubjectWheel) -> Iterator[Finding]:
     """Yield a warning for each package that requires another version of the subject, which is installed anyway."""
     name, version = tested.tested.name, tested.tested.version
-    for asker, line in known.unheld:
+    for asker, line in install.unheld:
         need = parsed_requirement(line)
         if required_name(line) == name and not need.specifier.contains(version, prereleases=True):
             text = f"{asker} requires {line}, and this is {name} {version}: pip would complain"
             yield Finding(check="install.subject", level=Level.WARNING, text=text)
 
 
-def on_top(owner: Owner, pool: Pool, tested: Ready) -> Environment:
+def on_top(owner: Owner, pool: Pool, tested: SubjectWheel) -> Environment:
     """Return the environment of a cell with the subject on top. Raises NoEnvironment."""
     base = pool.environment()
     key = digest("on top", base.key, tested.tested.content)
     with owner.once.turn(("environment", key)):
         if key not in owner.environments:
-            made = environments.on_top(base, tested.wheel, pool.interpreter)
-            if owner.settings.verify and isinstance(made, Environment) and not environments.stands(made, thorough=True):
-                environments.discard(made)
-                made = environments.on_top(base, tested.wheel, pool.interpreter)
-            if isinstance(made, Step):
-                raise NoEnvironment(made)
-            owner.environments[key] = made
+            environment = environments.ensure_layer(base, tested.wheel, pool.interpreter)
+            if (
+                owner.settings.verify
+                and isinstance(environment, Environment)
+                and not environments.is_intact(environment, thorough=True)
+            ):
+                environments.discard(environment)
+                environment = environments.ensure_layer(base, tested.wheel, pool.interpreter)
+            if isinstance(environment, Step):
+                raise NoEnvironment(environment)
+            owner.environments[key] = environment
     return owner.environments[key]
 
 
@@ -144,7 +154,7 @@ class Suite:
     cell: Cell
     lock: Lock
     interpreter: Interpreter
-    tested: Ready
+    tested: SubjectWheel
     site: Callable[[Environment, Environment], launch.Site]
     identity: tuple[object, ...]
     failed: PhaseRecord | None = field(default=None, init=False)
@@ -154,14 +164,14 @@ class Suite:
     def prepare(self) -> Steps[None]:
         """Resolve and install its needs."""
         assert self.cell.subject
-        asked, subject = self.cell.question, self.cell.subject
-        question = own_suites.question(asked, self.lock, subject, self.tested, self.interpreter)
+        cell_question, subject = self.cell.question, self.cell.subject
+        question = own_suites.question(cell_question, self.lock, subject, self.tested, self.interpreter)
         lock, step = yield from self.owner.lock(question, self.interpreter)
         if lock is None:
-            told = f"the tests cannot have their packages beside the cell's: {step.decisive}"
-            self.failed = own_suites.not_run(told, step)
+            reason = f"the tests cannot have their packages beside the cell's: {step.decisive}"
+            self.failed = own_suites.not_run(reason, step)
             return
-        moved = own_suites.moved(self.lock, lock)
+        moved = own_suites.describe_version_changes(self.lock, lock)
         if moved:
             self.failed = own_suites.not_run(moved, Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=moved))
             return
@@ -178,14 +188,14 @@ class Suite:
         """Return whether the suite's result after these cases is known, and the result; None if it is not reached."""
         if not _imported(cases):
             return True, None
-        found = self.failed or self._recalled()
-        return found is not None, found
+        result = self.failed or self._recalled()
+        return result is not None, result
 
     def _recalled(self) -> PhaseRecord | None:
         if self.key is None or self.pool is None:
             return None
-        known = self._known()
-        return None if self._todo(known) else judging.phase(known, reused=True)
+        fold = self._known()
+        return None if self._todo(fold) else judging.phase(fold, reused=True)
 
     def _known(self) -> judging.Folded:
         """Fold the stored runs that may be reused, and the runs of this process whatever their results."""
@@ -197,19 +207,19 @@ class Suite:
         folded = folded.reusable(this_machine.conditions(), failed_too=not settings.again)
         return judging.fold(vault.readings(mine), folded)
 
-    def _todo(self, known: judging.Folded) -> Request | None:
+    def _todo(self, fold: judging.Folded) -> Request | None:
         assert self.cell.subject
-        return judging.todo(self.cell.subject.suite or model.Suite(), known, verify=self.owner.settings.verify)
+        return judging.todo(self.cell.subject.suite or model.Suite(), fold, verify=self.owner.settings.verify)
 
     def measure(self, cases: tuple[CaseRecord, ...]) -> PhaseRecord | None:
         """Return the suite's result, stored or measured now; None if it is not reached. Raises NoEnvironment."""
-        told, found = self.known(cases)
-        if told or self.pool is None or self.key is None:
-            return found
+        complete, result = self.known(cases)
+        if complete or self.pool is None or self.key is None:
+            return result
         assert self.cell.subject
         base = self.pool.environment()
         environment = on_top(self.owner, self.pool, self.tested)
-        vault, known = Vault(self.owner.store.folder), self._known()
+        vault, fold = Vault(self.owner.store.folder), self._known()
         bench = own_suites.Bench(
             subject=self.cell.subject,
             known=self.tested,
@@ -218,12 +228,12 @@ class Suite:
             host=Host(conditions=this_machine.conditions()),
             places=uv_command.places(),
         )
-        while request := self._todo(known):
+        while request := self._todo(fold):
             self.owner.observer.step(self.cell, Phase.SUITE)
             name = bench.measure(request, self.key)
             self.owner.measured[self.key] = (*self.owner.measured.get(self.key, ()), name)
-            known = judging.after(known, vault.reading(name))
-        return judging.phase(known, reused=False)
+            fold = judging.add_run(fold, vault.reading(name))
+        return judging.phase(fold, reused=False)
 
 
 def _imported(cases: tuple[CaseRecord, ...]) -> bool:

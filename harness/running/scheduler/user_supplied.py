@@ -19,11 +19,11 @@ def missing(cell: Cell) -> Iterator[str]:
     if cell.bring:
         from harness.packages.sources import user_supplied  # noqa: PLC0415 - start-up
 
-        yield from (told for bring in cell.bring if (told := user_supplied.absent(bring)))
+        yield from (sentence for bring in cell.bring if (sentence := user_supplied.absent(bring)))
 
 
 @dataclass(slots=True)
-class Luggage:
+class BroughtSoftware:
     """The software that the user brought for the cells of a run, as it was when a cell first asked for it."""
 
     offline: bool
@@ -43,7 +43,7 @@ class Luggage:
             return {}, cell.python_path
         from harness.packages.sources import user_supplied  # noqa: PLC0415 - start-up
 
-        copies = [(source, user_supplied.copied(source)) for source in self._sources(cell)]
+        copies = [(source, user_supplied.copy_source(source)) for source in self._sources(cell)]
         folders = (path for source, copy in copies for path in user_supplied.python_path(source, copy))
         return {source.bring.variable: copy for source, copy in copies}, (*cell.python_path, *folders)
 
@@ -53,5 +53,5 @@ class Luggage:
 
             with self.once.turn(bring.variable):
                 if bring.variable not in self.seen:
-                    self.seen[bring.variable] = user_supplied.looked_at(bring, offline=self.offline)
+                    self.seen[bring.variable] = user_supplied.inspect_source(bring, offline=self.offline)
             yield self.seen[bring.variable]

@@ -27,31 +27,33 @@ class Choice(NamedTuple):
         return self._asdict()
 
 
-def chosen(asked: Optional[str], variables: Mapping[str, str], folder: str, running: Optional[str] = None) -> Choice:
+def choose_environment(
+    option: Optional[str], variables: Mapping[str, str], folder: str, running: Optional[str] = None
+) -> Choice:
     """Return the environment that is meant: the one named, that of the Python `running` us, the active one, ./.venv.
 
     Raises NoEnvironment.
     """
-    if asked is not None:
-        return Choice(_asked(asked, variables, folder), "named by --python", [])
+    if option is not None:
+        return Choice(_resolve_option(option, variables, folder), "named by --python", [])
     if running is not None:
         return Choice(running, "it runs this file", [])
     remarks: List[str] = []
     for text, place in _places(variables, folder):
-        python = _inside(place)
+        python = _find_interpreter(place)
         if python is None:
             remarks.append("{} is passed over: no Python lies in {}".format(text, place))
             continue
-        return Choice(python, "named by " + text, [*remarks, *_other(python, variables)])
+        return Choice(python, "named by " + text, [*remarks, *_note_other_python(python, variables)])
     for name in ("python", "python3"):
-        found = shutil.which(name, path=variables.get("PATH", os.defpath))
-        if found:
-            return Choice(found, "`{}` on PATH; no environment is active".format(name), remarks)
+        executable = shutil.which(name, path=variables.get("PATH", os.defpath))
+        if executable:
+            return Choice(executable, "`{}` on PATH; no environment is active".format(name), remarks)
     message = "there is no Python here: no environment is active, ./.venv is none, and PATH has none; " + HOW
     raise NoEnvironment(message)
 
 
-def environment_running() -> Optional[str]:
+def find_own_python() -> Optional[str]:
     """Return the Python that runs us where it belongs to a virtual or conda environment, else None."""
     virtual = sys.prefix != sys.base_prefix or os.path.isdir(os.path.join(sys.prefix, "conda-meta"))
     return sys.executable or None if virtual else None
@@ -65,18 +67,18 @@ def _places(variables: Mapping[str, str], folder: str) -> Iterator[Tuple[str, st
         yield "./.venv", os.path.join(folder, ".venv")
 
 
-def _inside(place: str) -> Optional[str]:
+def _find_interpreter(place: str) -> Optional[str]:
     """Return the interpreter in an environment's folder; None if there is none."""
     paths = (os.path.join(place, *parts) for parts in NAMES)
     return next((path for path in paths if os.path.isfile(path) and os.access(path, os.X_OK)), None)
 
 
-def _asked(text: str, variables: Mapping[str, str], folder: str) -> str:
+def _resolve_option(text: str, variables: Mapping[str, str], folder: str) -> str:
     path = os.path.join(folder, os.path.expanduser(text))
     if os.path.isdir(path):
-        found = _inside(path)
-        if found:
-            return found
+        interpreter = _find_interpreter(path)
+        if interpreter:
+            return interpreter
         dangling = next((one for one in (os.path.join(path, *parts) for parts in NAMES) if os.path.islink(one)), None)
         if dangling:
             gone = os.path.realpath(dangling)
@@ -90,16 +92,16 @@ def _asked(text: str, variables: Mapping[str, str], folder: str) -> str:
         message = "--python {}: this file cannot be run; {}".format(text, HOW)
         raise NoEnvironment(message)
     names = [] if os.sep in text else [text, "python" + text]
-    found = next(filter(None, (shutil.which(one, path=variables.get("PATH", os.defpath)) for one in names)), None)
-    if found is None:
+    interpreter = next(filter(None, (shutil.which(one, path=variables.get("PATH", os.defpath)) for one in names)), None)
+    if interpreter is None:
         message = "--python {}: there is no such file or folder; {}".format(text, HOW)
         raise NoEnvironment(message)
-    return found
+    return interpreter
 
 
-def _other(python: str, variables: Mapping[str, str]) -> List[str]:
+def _note_other_python(python: str, variables: Mapping[str, str]) -> List[str]:
     """Return a remark if `python` on PATH is not the one of this environment, else an empty list."""
-    found = shutil.which("python", path=variables.get("PATH", os.defpath))
-    if found is None or os.path.realpath(os.path.dirname(found)) == os.path.realpath(os.path.dirname(python)):
+    executable = shutil.which("python", path=variables.get("PATH", os.defpath))
+    if executable is None or os.path.realpath(os.path.dirname(executable)) == os.path.realpath(os.path.dirname(python)):
         return []
-    return ["`python` starts another one here: {}".format(found)]
+    return ["`python` starts another one here: {}".format(executable)]

@@ -8,9 +8,9 @@ from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Set
 from ..keys import MODULES, weight
 from ..requirements import Requirement, requirement
 from ..versions import canonical, specifiers
-from .differences import effective
+from .differences import resolve_distributions
 
-Told = Mapping[str, Any]
+JsonObject = Mapping[str, Any]
 NOTE, WARNING = "note", "warning"
 SHOWN = 3
 
@@ -27,7 +27,7 @@ class Finding(NamedTuple):
         return dict(self._asdict())
 
 
-class Unmet(NamedTuple):
+class Violation(NamedTuple):
     """A requirement that is not met; `there` is the installed version, None if the package is missing."""
 
     asker: str
@@ -36,7 +36,7 @@ class Unmet(NamedTuple):
     there: Any
 
 
-def environment(facts: Told) -> Dict[str, str]:
+def environment(facts: JsonObject) -> Dict[str, str]:
     """Return the values of the variables that markers use (PEP 508)."""
     python = facts["python"]
     whole = python["version"]
@@ -60,70 +60,74 @@ def environment(facts: Told) -> Dict[str, str]:
 # --- requirements ----------------------------------------------------------------------------------------------
 
 
-def asked(facts: Told) -> Dict[str, List[Requirement]]:
+def collect_requirements(facts: JsonObject) -> Dict[str, List[Requirement]]:
     """Return the requirements of each package that apply here, including the extras that other packages ask for."""
-    about, there = environment(facts), effective(facts)
+    about, there = environment(facts), resolve_distributions(facts)
     extras: Dict[str, Set[str]] = {name: set() for name in there}
-    found: Dict[str, List[Requirement]] = {}
+    requirements: Dict[str, List[Requirement]] = {}
     growing = True
     while growing:
         growing = False
-        for name, one in there.items():
-            found[name] = list(_wanted(one, about, extras[name]))
-            for each in found[name]:
+        for name, distribution in there.items():
+            requirements[name] = list(_wanted(distribution, about, extras[name]))
+            for each in requirements[name]:
                 if each.name in extras and not extras[each.name] >= each.extras:
                     extras[each.name] |= each.extras
                     growing = True
-    return found
+    return requirements
 
 
-def _wanted(one: Told, about: Mapping[str, str], extras: Set[str]) -> Iterator[Requirement]:
-    for text in one["requires"]:
+def _wanted(distribution: JsonObject, about: Mapping[str, str], extras: Set[str]) -> Iterator[Requirement]:
+    for text in distribution["requires"]:
         try:
-            made = requirement(text)
-            if made.wanted(about, extras):
-                yield made
+            dependency = requirement(text)
+            if dependency.wanted(about, extras):
+                yield dependency
         except (ValueError, KeyError):
             continue
 
 
-def unmet(facts: Told, versions: Mapping[str, str]) -> List[Unmet]:
+def find_violations(facts: JsonObject, versions: Mapping[str, str]) -> List[Violation]:
     """Return the requirements that these versions do not meet, those of the packages that matter most first."""
-    found = [
-        Unmet(name, plain(each), each.name, versions.get(each.name))
-        for name, requirements in asked(facts).items()
+    violations = [
+        Violation(name, format_requirement(each), each.name, versions.get(each.name))
+        for name, requirements in collect_requirements(facts).items()
         for each in requirements
         if not _met(each, versions)
     ]
-    return sorted(dict.fromkeys(found), key=lambda one: -max(weight(one.asker), weight(one.name)))
+    return sorted(
+        dict.fromkeys(violations), key=lambda violation: -max(weight(violation.asker), weight(violation.name))
+    )
 
 
-def _met(one: Requirement, versions: Mapping[str, str]) -> bool:
-    there = versions.get(one.name)
+def _met(dependency: Requirement, versions: Mapping[str, str]) -> bool:
+    there = versions.get(dependency.name)
     if there is None:
         return False
-    return one.url is not None or one.specifiers.admits(there)
+    return dependency.url is not None or dependency.specifiers.admits(there)
 
 
-def plain(one: Requirement) -> str:
+def format_requirement(dependency: Requirement) -> str:
     """Return a requirement as text: name, extras and specifiers, without its marker."""
-    extras = "[{}]".format(",".join(sorted(one.extras))) if one.extras else ""
-    return "{}{}{}".format(one.name, extras, one.specifiers)
+    extras = "[{}]".format(",".join(sorted(dependency.extras))) if dependency.extras else ""
+    return "{}{}{}".format(dependency.name, extras, dependency.specifiers)
 
 
-def conflicts(facts: Told) -> List[Finding]:
+def conflicts(facts: JsonObject) -> List[Finding]:
     """Return findings about missing packages and wrong versions, one for each required package."""
-    there = {name: one["version"] or "0" for name, one in effective(facts).items()}
-    found = unmet(facts, there)
-    names = list(dict.fromkeys(one.name for one in found))
-    return [_conflict(facts, [one for one in found if one.name == name]) for name in names]
+    there = {name: one["version"] or "0" for name, one in resolve_distributions(facts).items()}
+    violations = find_violations(facts, there)
+    names = list(dict.fromkeys(one.name for one in violations))
+    return [_conflict(facts, [one for one in violations if one.name == name]) for name in names]
 
 
-def _conflict(facts: Told, those: List[Unmet]) -> Finding:
-    one = effective(facts)
-    askers = ", ".join("{} {} ({})".format(each.asker, one[each.asker]["version"], each.text) for each in those[:SHOWN])
-    more = " and {} more".format(len(those) - SHOWN) if len(those) > SHOWN else ""
-    name, there = those[0].name, those[0].there
+def _conflict(facts: JsonObject, violations: List[Violation]) -> Finding:
+    distributions = resolve_distributions(facts)
+    askers = ", ".join(
+        "{} {} ({})".format(each.asker, distributions[each.asker]["version"], each.text) for each in violations[:SHOWN]
+    )
+    more = " and {} more".format(len(violations) - SHOWN) if len(violations) > SHOWN else ""
+    name, there = violations[0].name, violations[0].there
     if there is not None:
         return Finding(
             "requirements.conflict", WARNING, "{} {} is not what {}{} needs".format(name, there, askers, more)
@@ -137,75 +141,81 @@ def _conflict(facts: Told, those: List[Unmet]) -> Finding:
     return Finding("requirements.missing", WARNING, "{} is missing, which {}{} needs".format(name, askers, more))
 
 
-def pythons(facts: Told) -> List[Finding]:
+def check_pythons(facts: JsonObject) -> List[Finding]:
     """Return findings about packages that declare that they do not support this Python."""
     version = facts["python"]["version"].rstrip("+")
-    found = []
-    for name, one in effective(facts).items():
-        text = one["requires_python"]
+    findings = []
+    for name, distribution in resolve_distributions(facts).items():
+        text = distribution["requires_python"]
         try:
             fits = not text or specifiers(text).admits(version)
         except ValueError:
             continue
         if not fits:
-            said = "{} {} requires Python {}, this is {}".format(name, one["version"], text, version)
-            found.append(Finding("requires_python", WARNING, said))
-    return found
+            message = "{} {} requires Python {}, this is {}".format(name, distribution["version"], text, version)
+            findings.append(Finding("requires_python", WARNING, message))
+    return findings
 
 
 # --- metadata --------------------------------------------------------------------------------------------------
 
 
-def metadata(facts: Told) -> List[Finding]:
+def metadata(facts: JsonObject) -> List[Finding]:
     """Return findings about metadata that is broken, duplicate or left over, and about lost or overwritten files."""
-    return [*_broken(facts), *_twice(facts), *_gone(facts), *_claimed(facts), *_left(facts)]
+    return [
+        *_broken(facts),
+        *_find_duplicates(facts),
+        *_find_missing_files(facts),
+        *_find_shared_files(facts),
+        *_left(facts),
+    ]
 
 
-def _broken(facts: Told) -> Iterator[Finding]:
-    for one in facts["distributions"]:
-        if one["trouble"]:
-            place = os.path.join(one["location"], one["folder"])
-            mend = "remove that folder and install {} again".format(one["name"])
-            yield Finding("metadata.broken", WARNING, "{}: {}; {}".format(place, one["trouble"], mend))
+def _broken(facts: JsonObject) -> Iterator[Finding]:
+    for distribution in facts["distributions"]:
+        if distribution["trouble"]:
+            place = os.path.join(distribution["location"], distribution["folder"])
+            mend = "remove that folder and install {} again".format(distribution["name"])
+            yield Finding("metadata.broken", WARNING, "{}: {}; {}".format(place, distribution["trouble"], mend))
 
 
-def _twice(facts: Told) -> Iterator[Finding]:
+def _find_duplicates(facts: JsonObject) -> Iterator[Finding]:
     groups: Dict[Any, List[Any]] = {}
-    for one in facts["distributions"]:
-        groups.setdefault((one["location"], canonical(one["name"])), []).append(one)
-    for (location, name), those in groups.items():
-        if len({one["version"] for one in those if one["version"]}) > 1:
-            folders = ", ".join(one["folder"] for one in those)
+    for distribution in facts["distributions"]:
+        groups.setdefault((distribution["location"], canonical(distribution["name"])), []).append(distribution)
+    for (location, name), duplicates in groups.items():
+        if len({one["version"] for one in duplicates if one["version"]}) > 1:
+            folders = ", ".join(one["folder"] for one in duplicates)
             text = (
                 "{} is there {} times in {} ({}): its files are a mixture; uninstall it until none is left, then"
-                " install it once".format(name, len(those), location, folders)
+                " install it once".format(name, len(duplicates), location, folders)
             )
             yield Finding("metadata.duplicate", WARNING, text)
 
 
-def _gone(facts: Told) -> Iterator[Finding]:
-    for one in facts["distributions"]:
-        if one["missing"]:
+def _find_missing_files(facts: JsonObject) -> Iterator[Finding]:
+    for distribution in facts["distributions"]:
+        if distribution["missing"]:
             text = "{} {} lacks {} of its files, such as {}; install it again (pip install --force-reinstall)".format(
-                one["name"], one["version"], one["missing"], one["missing_files"][0]
+                distribution["name"], distribution["version"], distribution["missing"], distribution["missing_files"][0]
             )
             yield Finding("metadata.files", WARNING, text)
 
 
-def _claimed(facts: Told) -> Iterator[Finding]:
+def _find_shared_files(facts: JsonObject) -> Iterator[Finding]:
     stems = {(one["location"], one["folder"]): canonical(one["name"]) for one in facts["distributions"]}
-    for one in facts["claimed"]:
-        names = list(dict.fromkeys(stems[one["location"], folder] for folder in one["folders"]))
+    for entry in facts["claimed"]:
+        names = list(dict.fromkeys(stems[entry["location"], folder] for folder in entry["folders"]))
         if len(names) > 1:
             text = (
                 "{} have {} file(s) in common, such as {}: what was installed last has overwritten the other;"
-                " uninstall both, then install one".format(" and ".join(names), one["count"], one["file"])
+                " uninstall both, then install one".format(" and ".join(names), entry["count"], entry["file"])
             )
             level = WARNING if any(map(weight, names)) else NOTE
             yield Finding("modules.claimed", level, text)
 
 
-def _left(facts: Told) -> Iterator[Finding]:
+def _left(facts: JsonObject) -> Iterator[Finding]:
     if facts["leftovers"]:
         text = "{} is left over from an interrupted installation; it can be removed".format(facts["leftovers"][0])
         yield Finding("metadata.leftover", NOTE, text)
@@ -214,40 +224,42 @@ def _left(facts: Told) -> Iterator[Finding]:
 # --- conda -----------------------------------------------------------------------------------------------------
 
 
-def conda(facts: Told) -> List[Finding]:
+def conda(facts: JsonObject) -> List[Finding]:
     """Return findings about conda packages that pip overwrote or removed, and records that cannot be read."""
-    found = []
-    there = effective(facts)
+    findings = []
+    there = resolve_distributions(facts)
     site = set(facts["python"]["site_packages"])
     folders = {one["folder"] for one in facts["distributions"] if one["location"] in site}
-    for one in facts["conda"]:
-        if one.get("trouble"):
-            found.append(Finding("conda.broken", WARNING, "conda-meta/{}.json: {}".format(one["name"], one["trouble"])))
+    for package in facts["conda"]:
+        if package.get("trouble"):
+            findings.append(
+                Finding("conda.broken", WARNING, "conda-meta/{}.json: {}".format(package["name"], package["trouble"]))
+            )
             continue
-        gone = [folder for folder in one["metadata"] if folder not in folders]
+        gone = [folder for folder in package["metadata"] if folder not in folders]
         names = [canonical(folder.rpartition(".")[0].split("-")[0]) for folder in gone]
         for name in names:
             now = there.get(name)
             if now is None:
-                said = "its Python package is gone"
-            elif now["version"] != one["version"]:
-                said = "{} has put {} over it".format(now["installer"] or "something", now["version"])
+                change = "its Python package is gone"
+            elif now["version"] != package["version"]:
+                change = "{} has put {} over it".format(now["installer"] or "something", now["version"])
             else:
                 continue
-            text = "conda says {} {} ({}), but {}".format(one["name"], one["version"], one["build"], said)
-            found.append(Finding("conda.overwritten", WARNING if weight(name) else NOTE, text))
-    return found
+            text = "conda says {} {} ({}), but {}".format(package["name"], package["version"], package["build"], change)
+            findings.append(Finding("conda.overwritten", WARNING if weight(name) else NOTE, text))
+    return findings
 
 
 # --- gym and gymnasium -----------------------------------------------------------------------------------------
 
 
-def mixed(facts: Told) -> List[Finding]:
+def check_gym_mix(facts: JsonObject) -> List[Finding]:
     """Return a finding if both gym and gymnasium are installed, with the packages that require each."""
-    there = effective(facts)
+    there = resolve_distributions(facts)
     if "gym" not in there or "gymnasium" not in there:
         return []
-    needs = asked(facts)
+    needs = collect_requirements(facts)
     askers = {
         api: sorted(name for name, those in needs.items() if any(one.name == api for one in those) and name != "shimmy")
         for api in ("gym", "gymnasium")

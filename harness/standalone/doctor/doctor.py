@@ -15,11 +15,11 @@ from ..running import Run
 from . import choosing, declared, differences, drawing, nearest, reading
 from .choosing import Choice
 from .declared import NOTE, WARNING, Finding
-from .nearest import Near
-from .probing import Here, probed
-from .probing import seen as seen_here
+from .nearest import Candidate
+from .probing import Viewpoint, run_probes
+from .probing import list_rendering_support as seen_here
 
-Told = Mapping[str, Any]
+JsonObject = Mapping[str, Any]
 SHOWN = 8
 OLDEST = (3, 7)
 
@@ -40,10 +40,10 @@ class Knowledge(NamedTuple):
     """Reference data of an inspection: known failures as their files have them, and measured results."""
 
     signatures: Sequence[Any]
-    measured: Callable[[], Told]
+    measured: Callable[[], JsonObject]
 
 
-class Asked(NamedTuple):
+class Request(NamedTuple):
     """The request of a command line. `rendering` looks at libraries only, which is all that can be done alone.
 
     `running` is the Python that runs us, where that is the one that is meant.
@@ -57,56 +57,61 @@ class Asked(NamedTuple):
     running: Optional[str] = None
 
 
-More = Callable[[Choice, Told], Tuple[List[Finding], List[Evidence]]]
+More = Callable[[Choice, JsonObject], Tuple[List[Finding], List[Evidence]]]
 """Looks at more of an environment, given the choice and its facts."""
 
 
-def document(asked: Asked, run: Run, known: Knowledge, more: Optional[More] = None) -> Dict[str, Any]:
+def document(request: Request, run: Run, knowledge: Knowledge, more: Optional[More] = None) -> Dict[str, Any]:
     """Inspect an environment and return the document of findings. Raises NoEnvironment if there is none."""
-    choice = choosing.chosen(asked.python, asked.variables, asked.folder, asked.running)
+    choice = choosing.choose_environment(request.python, request.variables, request.folder, request.running)
     scratch = tempfile.mkdtemp(prefix="simmatrix-doctor-")
     try:
-        here = Here(run, choice.python, asked.variables, asked.folder, scratch)
-        return _document(here, choice, asked, known, more)
+        here = Viewpoint(run, choice.python, request.variables, request.folder, scratch)
+        return _document(here, choice, request, knowledge, more)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
-def _document(here: Here, choice: Choice, asked: Asked, known: Knowledge, more: Optional[More]) -> Dict[str, Any]:
-    probes = probed(here)
+def _document(
+    here: Viewpoint, choice: Choice, request: Request, knowledge: Knowledge, more: Optional[More]
+) -> Dict[str, Any]:
+    probes = run_probes(here)
     looked = probes["facts"] if "distributions" in probes["facts"] else probes["scrubbed"]
     if "distributions" not in looked:
-        return _nothing(here, choice, looked)
+        return _build_failure_document(here, choice, looked)
     apart = differences.differences(here, probes)
-    found = _found(here, probes, looked, apart)
-    told, seen = more(choice, looked) if more else ([], [])
-    causes = reading.known_causes(known.signatures, probes, looked, seen)
-    lurks = [*reading.foreseen(known.signatures, looked), *reading.quiet(known.signatures, looked, asked.env)]
+    findings = _check_environment(here, probes, looked, apart)
+    more_findings, seen = more(choice, looked) if more else ([], [])
+    causes = reading.known_causes(knowledge.signatures, probes, looked, seen)
+    lurks = [
+        *reading.predict_failures(knowledge.signatures, looked),
+        *reading.find_silent_issues(knowledge.signatures, looked, request.env),
+    ]
     shown = {hit.signature.id for hit in causes}
     lurks = [one for one in lurks if one.id not in shown]
-    measured = known.measured()
-    told += drawing.findings(seen_here(here), here.variables) if asked.rendering else []
-    found += [*told, *map(_lurking, lurks), *nearest.failed(looked, measured)]
-    found.sort(key=_rank)
+    measured = knowledge.measured()
+    more_findings += drawing.findings(seen_here(here), here.variables) if request.rendering else []
+    findings += [*more_findings, *map(_report_signature, lurks), *nearest.find_failure(looked, measured)]
+    findings.sort(key=_rank)
     issues = [*(hit.signature for hit in causes), *lurks]
     remedies = reading.versions_asked(issues)
-    near = nearest.found(looked, measured, asked.env, remedies, issues)
-    other = None if near or asked.env is None else nearest.found(looked, measured, None, remedies, issues)
+    near = nearest.find(looked, measured, request.env, remedies, issues)
+    other = None if near or request.env is None else nearest.find(looked, measured, None, remedies, issues)
     return {
         "schema": 1,
-        "decisive": next((one.text for one in found if one.level == WARNING), None),
+        "decisive": next((one.text for one in findings if one.level == WARNING), None),
         "diagnoses": [matching.diagnosis(hit.signature, hit.phase, hit.seen) for hit in causes],
-        "findings": [one.plain() for one in found],
+        "findings": [one.plain() for one in findings],
         "environment": dict(_environment(choice, looked), scrubbed=here.removed),
         "imports": {name: _import(one) for name, one in (probes["imports"] or probes["clean_imports"]).items()},
         "differences": [one.plain() for one in apart],
         "lurking": [matching.diagnosis(one) for one in lurks],
-        "nearest": _near(looked, near or other, _installer(here, choice, looked), (asked.env, near is not None)),
+        "nearest": _near(looked, near or other, _installer(here, choice, looked), (request.env, near is not None)),
     }
 
 
 def _near(
-    looked: Told, near: Optional[Near], how: Installer, env: Tuple[Optional[str], bool]
+    looked: JsonObject, near: Optional[Candidate], how: Installer, env: Tuple[Optional[str], bool]
 ) -> Optional[Dict[str, Any]]:
     """Return the nearest combination as the document holds it.
 
@@ -115,25 +120,25 @@ def _near(
     if near is None:
         return None
     name, there = env
-    made = nearest.plain(looked, near, how, name if there else None)
-    said = ["{} was made in nothing that was measured".format(name)] if name and not there else []
-    return dict(made, remarks=[*said, *made["remarks"]])
+    combination = nearest.to_dict(looked, near, how, name if there else None)
+    notes = ["{} was made in nothing that was measured".format(name)] if name and not there else []
+    return dict(combination, remarks=[*notes, *combination["remarks"]])
 
 
-def _installer(here: Here, choice: Choice, looked: Told) -> Installer:
+def _installer(here: Viewpoint, choice: Choice, looked: JsonObject) -> Installer:
     return installer(choice.python, differences.versions(looked), here.variables)
 
 
-def _found(here: Here, probes: Told, looked: Told, apart: Sequence[Any]) -> List[Finding]:
+def _check_environment(here: Viewpoint, probes: JsonObject, looked: JsonObject, apart: Sequence[Any]) -> List[Finding]:
     """Return the findings of the checks that every environment gets."""
-    found = [*_startless(probes, apart), *reading.failed(probes, apart), *reading.skipped(probes)]
-    found += [*reading.hidden(here, looked), *declared.metadata(looked), *declared.conflicts(looked)]
-    found += [*declared.pythons(looked), *declared.conda(looked), *declared.mixed(looked)]
-    found += [*reading.twice(probes), *reading.different(here, looked, apart)]
-    return found + [Finding("probe", NOTE, "could not be told: " + error) for error in looked["errors"]]
+    findings = [*_check_start(probes, apart), *reading.report_failed_imports(probes, apart), *reading.skipped(probes)]
+    findings += [*reading.find_shadowing(here, looked), *declared.metadata(looked), *declared.conflicts(looked)]
+    findings += [*declared.check_pythons(looked), *declared.conda(looked), *declared.check_gym_mix(looked)]
+    findings += [*reading.twice(probes), *reading.report_differences(here, looked, apart)]
+    return findings + [Finding("probe", NOTE, "could not be told: " + error) for error in looked["errors"]]
 
 
-def _startless(probes: Told, apart: Sequence[Any]) -> List[Finding]:
+def _check_start(probes: JsonObject, apart: Sequence[Any]) -> List[Finding]:
     """Return a finding if Python starts neither with the caller's variables nor without.
 
     Its packages may still be known from a start without `site`.
@@ -143,26 +148,28 @@ def _startless(probes: Told, apart: Sequence[Any]) -> List[Finding]:
     return [Finding("python.start", WARNING, "this Python does not start: {}".format(probes["scrubbed"]["trouble"]))]
 
 
-def _rank(one: Finding) -> Tuple[bool, int]:
-    place = ORDER.index(one.check) if one.check in ORDER else len(ORDER)
-    return one.level != WARNING, place
+def _rank(finding: Finding) -> Tuple[bool, int]:
+    place = ORDER.index(finding.check) if finding.check in ORDER else len(ORDER)
+    return finding.level != WARNING, place
 
 
-def _lurking(one: Any) -> Finding:
+def _report_signature(signature: Any) -> Finding:
     """Make a finding of a known failure that these versions have, though nothing has failed yet."""
-    if one.silent and not one.pattern:
-        return Finding("silent", WARNING, "{} ({})".format(one.plain["cause"], one.id))
-    phases = ", ".join(one.phases)
+    if signature.silent and not signature.pattern:
+        return Finding("silent", WARNING, "{} ({})".format(signature.plain["cause"], signature.id))
+    phases = ", ".join(signature.phases)
     return Finding(
-        "known", WARNING, "known of these versions (shows in {}): {} ({})".format(phases, one.plain["cause"], one.id)
+        "known",
+        WARNING,
+        "known of these versions (shows in {}): {} ({})".format(phases, signature.plain["cause"], signature.id),
     )
 
 
-def _import(one: Told) -> Dict[str, Any]:
-    return {name: one.get(name) for name in ("error", "file", "version")}
+def _import(result: JsonObject) -> Dict[str, Any]:
+    return {name: result.get(name) for name in ("error", "file", "version")}
 
 
-def _environment(choice: Choice, looked: Told) -> Dict[str, Any]:
+def _environment(choice: Choice, looked: JsonObject) -> Dict[str, Any]:
     python = looked["python"]
     return {
         "python": choice.python,
@@ -180,15 +187,17 @@ def _environment(choice: Choice, looked: Told) -> Dict[str, Any]:
     }
 
 
-def _nothing(here: Here, choice: Choice, looked: Told) -> Dict[str, Any]:
+def _build_failure_document(here: Viewpoint, choice: Choice, looked: JsonObject) -> Dict[str, Any]:
     """Return the document for a Python that cannot be inspected: it is too old, or does not start."""
     code = "import sys; sys.stdout.write('%d.%d' % sys.version_info[:2])"
-    said = here.run([choice.python, "-E", "-c", code], here.scrubbed().variables, here.folder, 30.0).output.strip()
-    numbers = said.split(".")
+    version_text = here.run(
+        [choice.python, "-E", "-c", code], here.scrubbed().variables, here.folder, 30.0
+    ).output.strip()
+    numbers = version_text.split(".")
     old = len(numbers) == 2 and all(map(str.isdigit, numbers)) and tuple(map(int, numbers)) < OLDEST
     if old:
         finding = Finding(
-            "python.version", WARNING, "this is Python {}, older than 3.7, the oldest known here".format(said)
+            "python.version", WARNING, "this is Python {}, older than 3.7, the oldest known here".format(version_text)
         )
     else:
         finding = Finding("python.start", WARNING, "this Python does not start: {}".format(looked["trouble"]))
@@ -197,7 +206,12 @@ def _nothing(here: Here, choice: Choice, looked: Told) -> Dict[str, Any]:
         "decisive": finding.text,
         "diagnoses": [],
         "findings": [finding.plain()],
-        "environment": {"python": choice.python, "why": choice.why, "remarks": choice.remarks, "version": said or None},
+        "environment": {
+            "python": choice.python,
+            "why": choice.why,
+            "remarks": choice.remarks,
+            "version": version_text or None,
+        },
         "imports": {},
         "differences": [],
         "lurking": [],
@@ -205,62 +219,62 @@ def _nothing(here: Here, choice: Choice, looked: Told) -> Dict[str, Any]:
     }
 
 
-def code(made: Told) -> int:
+def code(report: JsonObject) -> int:
     """Return the exit code: 0 without warnings (notes do not count), 3 if Python is too old to be inspected, else 1."""
-    checks = {one["check"] for one in made["findings"] if one["level"] == WARNING}
+    checks = {one["check"] for one in report["findings"] if one["level"] == WARNING}
     return 3 if checks == {"python.version"} else 1 if checks else 0
 
 
 # --- for people ------------------------------------------------------------------------------------------------
 
 
-def lines(made: Told, in_words: Callable[[Told], str]) -> Iterable[str]:
+def lines(report: JsonObject, in_words: Callable[[JsonObject], str]) -> Iterable[str]:
     """Yield the document as lines for people: the decisive finding first, then the rest, then what to change."""
-    yield from _head(made["environment"])
-    found = [one for one in made["findings"] if one["level"] == WARNING]
-    yield from _causes(made, in_words)
-    for one in found[:SHOWN]:
-        yield "warning: {}".format(one["text"])
-        yield from _remedy(made, one["text"], in_words)
-    if len(found) > SHOWN:
-        yield "... and {} more warnings (--json lists all)".format(len(found) - SHOWN)
-    notes = [one for one in made["findings"] if one["level"] == NOTE]
+    yield from _head(report["environment"])
+    warnings = [one for one in report["findings"] if one["level"] == WARNING]
+    yield from _causes(report, in_words)
+    for finding in warnings[:SHOWN]:
+        yield "warning: {}".format(finding["text"])
+        yield from _remedy(report, finding["text"], in_words)
+    if len(warnings) > SHOWN:
+        yield "... and {} more warnings (--json lists all)".format(len(warnings) - SHOWN)
+    notes = [one for one in report["findings"] if one["level"] == NOTE]
     yield from ("note: {}".format(one["text"]) for one in notes[:SHOWN])
     if len(notes) > SHOWN:
         yield "... and {} more notes (--json lists all)".format(len(notes) - SHOWN)
-    if not found:
+    if not warnings:
         yield "nothing is wrong, as far as can be seen from outside"
-    yield from _nearest(made)
+    yield from _nearest(report)
 
 
-def _head(told: Told) -> Iterable[str]:
-    version = told.get("version") or "does not answer"
-    yield "{} (Python {}), {}".format(told["python"], version, told["why"])
-    yield from ("  {}".format(one) for one in told.get("remarks", ()))
-    removed = told.get("scrubbed")
+def _head(environment: JsonObject) -> Iterable[str]:
+    version = environment.get("version") or "does not answer"
+    yield "{} (Python {}), {}".format(environment["python"], version, environment["why"])
+    yield from ("  {}".format(one) for one in environment.get("remarks", ()))
+    removed = environment.get("scrubbed")
     if removed is not None:
         looked = "checked with and without your shell's variables, this folder and the user site"
-        yield "  {} packages, {}".format(len(told["packages"]), looked)
+        yield "  {} packages, {}".format(len(environment["packages"]), looked)
     yield ""
 
 
-def _causes(made: Told, in_words: Callable[[Told], str]) -> Iterable[str]:
-    for one in made["diagnoses"][:1]:
-        yield "cause: {}".format(one["cause"])
-        yield "remedy: {}".format(in_words(one["remedy"]))
-        yield from ("see: {}".format(reference) for reference in one["references"][:1])
+def _causes(report: JsonObject, in_words: Callable[[JsonObject], str]) -> Iterable[str]:
+    for diagnosis in report["diagnoses"][:1]:
+        yield "cause: {}".format(diagnosis["cause"])
+        yield "remedy: {}".format(in_words(diagnosis["remedy"]))
+        yield from ("see: {}".format(reference) for reference in diagnosis["references"][:1])
         yield ""
 
 
-def _remedy(made: Told, text: str, in_words: Callable[[Told], str]) -> Iterable[str]:
-    for one in made["lurking"]:
-        if text.endswith("({})".format(one["signature"])) and one["remedy"]:
-            yield "  remedy: {}".format(in_words(one["remedy"]))
+def _remedy(report: JsonObject, text: str, in_words: Callable[[JsonObject], str]) -> Iterable[str]:
+    for diagnosis in report["lurking"]:
+        if text.endswith("({})".format(diagnosis["signature"])) and diagnosis["remedy"]:
+            yield "  remedy: {}".format(in_words(diagnosis["remedy"]))
 
 
-def _nearest(made: Told) -> Iterable[str]:
-    near = made["nearest"]
-    if "packages" not in made["environment"]:
+def _nearest(report: JsonObject) -> Iterable[str]:
+    near = report["nearest"]
+    if "packages" not in report["environment"]:
         return
     yield ""
     if near is None:
@@ -270,7 +284,7 @@ def _nearest(made: Told) -> Iterable[str]:
     if not near["command"]:
         beside = ", apart from {},".format(", ".join(near["uncovered"])) if near["uncovered"] else ""
         yield "these versions{} were measured together, and work ({})".format(beside, where)
-    elif not _of_versions(made, near):
+    elif not _of_versions(report, near):
         changes = ", ".join("{} {}, here {}".format(one["name"], one["then"], one["now"]) for one in near["changes"])
         yield "these versions were not measured together; the nearest that work ({}) have {}".format(where, changes)
     else:
@@ -282,16 +296,16 @@ def _nearest(made: Told) -> Iterable[str]:
         yield "  {} more package(s) differ there, which seldom matters (--json lists them)".format(count)
 
 
-def _of_versions(made: Told, near: Told) -> bool:
+def _of_versions(report: JsonObject, near: JsonObject) -> bool:
     """Return whether other versions may fix one of the warnings.
 
     Warnings about the requested environment (`env.*`) count only if it was made in the nearest combination.
     """
-    checks = {one["check"] for one in made["findings"] if one["level"] == WARNING} & OF_VERSIONS
+    checks = {one["check"] for one in report["findings"] if one["level"] == WARNING} & OF_VERSIONS
     return any(near["env"] or not check.startswith("env.") for check in checks)
 
 
-def printed(text: str) -> None:
+def write_line(text: str) -> None:
     """Write to stdout; characters that its encoding lacks are replaced."""
     encoding = sys.stdout.encoding or "ascii"
     sys.stdout.write(text.encode(encoding, "replace").decode(encoding) + os.linesep)

@@ -23,17 +23,17 @@ def findings(seen: Mapping[str, Any], variables: Mapping[str, str]) -> List[Find
 
 
 def _missing(gone: Mapping[str, str], variables: Mapping[str, str]) -> Iterator[Finding]:
-    asked = variables.get("MUJOCO_GL", "").lower().strip()
-    if asked in gone:
+    backend = variables.get("MUJOCO_GL", "").lower().strip()
+    if backend in gone:
         text = "MUJOCO_GL={} asks for {}, which cannot be loaded ({}); on Debian it is in {}".format(
-            asked, NAMES[asked], gone[asked], DEBIAN[asked]
+            backend, NAMES[backend], gone[backend], DEBIAN[backend]
         )
         yield Finding("rendering", WARNING, text)
-    elif asked in {"", "glfw"} and not variables.get("DISPLAY") and not variables.get("WAYLAND_DISPLAY"):
+    elif backend in {"", "glfw"} and not variables.get("DISPLAY") and not variables.get("WAYLAND_DISPLAY"):
         able = next((way for way in ("egl", "osmesa") if way not in gone), None)
         remedy = "export MUJOCO_GL={}".format(able) if able else "install {}".format(DEBIAN["egl"])
         text = "there is no display, and MUJOCO_GL {}: MuJoCo opens no window here; {}".format(
-            "is glfw" if asked else "is not set", remedy
+            "is glfw" if backend else "is not set", remedy
         )
         yield Finding("rendering", WARNING, text)
     if "gl" in gone:
@@ -42,18 +42,18 @@ def _missing(gone: Mapping[str, str], variables: Mapping[str, str]) -> Iterator[
 
 def _mixed(variables: Mapping[str, str]) -> Iterator[Finding]:
     """Yield a finding if PyOpenGL is set to another way of rendering than MuJoCo."""
-    asked, platform = variables.get("MUJOCO_GL", "").lower(), variables.get("PYOPENGL_PLATFORM", "").lower()
-    if asked in {"egl", "osmesa"} and platform and platform != asked:
+    backend, platform = variables.get("MUJOCO_GL", "").lower(), variables.get("PYOPENGL_PLATFORM", "").lower()
+    if backend in {"egl", "osmesa"} and platform and platform != backend:
         text = "MUJOCO_GL={} and PYOPENGL_PLATFORM={} contradict each other: unset PYOPENGL_PLATFORM".format(
-            asked, platform
+            backend, platform
         )
         yield Finding("rendering", WARNING, text)
 
 
 def _here(seen: Mapping[str, Any], gone: Mapping[str, str]) -> Finding:
     there = [NAMES[way] for way in seen["libraries"] if way not in gone]
-    told: Dict[str, str] = {
+    fields: Dict[str, str] = {
         "libraries": ", ".join(there) or "none",
         "devices": ", ".join(seen["devices"]) or "none",
     }
-    return Finding("rendering", NOTE, "to draw with: {libraries}; devices: {devices}".format(**told))
+    return Finding("rendering", NOTE, "to draw with: {libraries}; devices: {devices}".format(**fields))

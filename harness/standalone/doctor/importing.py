@@ -19,7 +19,7 @@ import time  # noqa: E402
 import traceback  # noqa: E402
 from typing import Any  # noqa: E402
 
-TOLD = 6000
+TEXT_LIMIT = 6000
 WATCHED = (
     "libmujoco libstdc++ libgomp libomp libiomp libGL. libGLX libOpenGL libEGL libOSMesa libglfw libcudart".split()
 )
@@ -39,23 +39,23 @@ def main(target: Any, seconds: Any, names: Any) -> None:
         faulthandler.dump_traceback_later(max(seconds - 1, 1))
         signal.alarm(seconds)
         began = time.time()
-        told = _imported(name)
+        result = _import_module(name)
         signal.alarm(0)
         faulthandler.cancel_dump_traceback_later()
-        _write(descriptor, dict(told, module=name, started=False, seconds=round(time.time() - began, 3)))
+        _write(descriptor, dict(result, module=name, started=False, seconds=round(time.time() - began, 3)))
 
 
-def _imported(name: Any) -> Any:
+def _import_module(name: Any) -> Any:
     try:
         __import__(name)
         module = sys.modules[name]
     except BaseException as error:  # what a library raises when it is imported is anything
         text = "".join(traceback.format_exception(type(error), error, error.__traceback__))
-        said = traceback.format_exception_only(type(error), error)[-1].strip()
-        return {"error": said[:TOLD], "traceback": text[-TOLD:], "libraries": _mapped()}
-    told = {"error": None, "file": _file(module), "version": _version(module), "libraries": _mapped()}
-    told["asked"] = _asked(name, module)
-    return told
+        error_line = traceback.format_exception_only(type(error), error)[-1].strip()
+        return {"error": error_line[:TEXT_LIMIT], "traceback": text[-TEXT_LIMIT:], "libraries": _mapped()}
+    result = {"error": None, "file": _file(module), "version": _version(module), "libraries": _mapped()}
+    result["asked"] = _query_library(name, module)
+    return result
 
 
 def _file(module: Any) -> Any:
@@ -69,7 +69,7 @@ def _version(module: Any) -> Any:
         return None
 
 
-def _asked(name: Any, module: Any) -> Any:
+def _query_library(name: Any, module: Any) -> Any:
     """Return facts that only the library knows: MuJoCo's native version, or torch's CUDA version and device count."""
     try:
         if name == "mujoco":
@@ -77,7 +77,7 @@ def _asked(name: Any, module: Any) -> Any:
         if name == "torch":
             return {"cuda": str(module.version.cuda), "devices": str(module.cuda.device_count())}
     except Exception as error:
-        return {"trouble": "{}: {}".format(type(error).__name__, error)[:TOLD]}
+        return {"trouble": "{}: {}".format(type(error).__name__, error)[:TEXT_LIMIT]}
     return {}
 
 
@@ -91,8 +91,8 @@ def _mapped() -> Any:
     return sorted(path for path in paths if os.path.basename(path).startswith(tuple(WATCHED)))
 
 
-def _write(descriptor: Any, told: Any) -> None:
-    os.write(descriptor, (json.dumps(told) + "\n").encode("ascii"))
+def _write(descriptor: Any, record: Any) -> None:
+    os.write(descriptor, (json.dumps(record) + "\n").encode("ascii"))
 
 
 if __name__ == "__main__":

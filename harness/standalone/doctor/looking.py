@@ -45,23 +45,23 @@ def document() -> Any:
     """Return the description of this environment, as it is printed."""
     errors: List[str] = []
     entries = _entries()
-    found = _all(entries)
+    distributions = _list_distributions(entries)
     return {
         "schema": 1,
-        "python": _noted(_python, errors, {}),
+        "python": _call_safely(_python, errors, {}),
         "path": entries,
         "folder": _folder(),
-        "distributions": found,
+        "distributions": distributions,
         "leftovers": [one for entry in entries for one in _leftovers(entry)],
-        "claimed": _claimed(found),
-        "hidden": _hidden(found, entries),
+        "claimed": _find_shared_files(distributions),
+        "hidden": _find_shadowing(distributions, entries),
         "importable": sorted({name for entry in entries if entry not in STANDARD for name in _importable(entry)}),
-        "conda": _noted(_conda, errors, []),
+        "conda": _call_safely(_conda, errors, []),
         "errors": errors,
     }
 
 
-def _noted(ask: Any, errors: Any, otherwise: Any) -> Any:
+def _call_safely(ask: Any, errors: Any, otherwise: Any) -> Any:
     """Return a function's answer; if it raises, add a line to `errors` and return `otherwise`."""
     try:
         return ask()
@@ -144,8 +144,8 @@ def _settings(path: Any) -> Any:
 # --- distributions ---------------------------------------------------------------------------------------------
 
 
-def _all(entries: Any) -> Any:
-    found = []
+def _list_distributions(entries: Any) -> Any:
+    distributions = []
     for entry in entries:
         try:
             names = sorted(os.listdir(entry))
@@ -153,29 +153,29 @@ def _all(entries: Any) -> Any:
             continue
         for name in names:
             if name.endswith((".dist-info", ".egg-info")) and not name.startswith("~"):
-                found.append(_distribution(entry, name))
+                distributions.append(_distribution(entry, name))
         if entry.endswith(".egg") and os.path.isdir(os.path.join(entry, "EGG-INFO")):
-            found.append(_distribution(entry, "EGG-INFO"))
-    return found
+            distributions.append(_distribution(entry, "EGG-INFO"))
+    return distributions
 
 
 def _distribution(entry: Any, name: Any) -> Any:
     """Describe one distribution by its metadata; `trouble` says why the metadata cannot be read."""
     place = os.path.join(entry, name)
-    told, trouble = _metadata(place)
+    headers, trouble = _metadata(place)
     stem = os.path.basename(entry) if name == "EGG-INFO" else name
     guessed = stem.rpartition(".")[0].split("-")
-    files = _recorded(place)
+    files = _read_record(place)
     origin = _json(os.path.join(place, "direct_url.json"))
     gone = _missing(entry, [one for one in files or () if not one.startswith(name + "/")])
     fields = {
-        "name": told.get("name", [guessed[0]])[0],
-        "version": told.get("version", [None])[0],
+        "name": headers.get("name", [guessed[0]])[0],
+        "version": headers.get("version", [None])[0],
         "folder": name,
         "location": entry,
-        "requires": told.get("requires-dist", []) + _requires(place),
-        "requires_python": told.get("requires-python", [None])[0],
-        "extras": told.get("provides-extra", []),
+        "requires": headers.get("requires-dist", []) + _requires(place),
+        "requires_python": headers.get("requires-python", [None])[0],
+        "extras": headers.get("provides-extra", []),
         "modules": _modules(place, files),
         "installer": _text(os.path.join(place, "INSTALLER")).strip() or None,
         "origin": (origin.get("url") if isinstance(origin, dict) else None) or _linked(entry, guessed[0]),
@@ -213,7 +213,7 @@ def _metadata(place: Any) -> Any:
 
 
 def _headers(text: Any) -> Any:
-    found: Dict[str, List[str]] = {}
+    headers: Dict[str, List[str]] = {}
     name = ""
     for line in text.splitlines():
         if not line.strip():
@@ -223,13 +223,13 @@ def _headers(text: Any) -> Any:
         name, sign, value = line.partition(":")
         name = name.strip().lower()
         if sign and value.strip():
-            found.setdefault(name, []).append(value.strip())
-    return found
+            headers.setdefault(name, []).append(value.strip())
+    return headers
 
 
 def _requires(place: Any) -> Any:
     """Return the requirements of an egg-info; its sections (extras and conditions) become markers."""
-    found: List[str] = []
+    requirements: List[str] = []
     extra = marker = ""
     for line in map(str.strip, _text(os.path.join(place, "requires.txt")).splitlines()):
         if line.startswith("["):
@@ -237,11 +237,11 @@ def _requires(place: Any) -> Any:
         elif line and not line.startswith("#"):
             conditions = ["({})".format(marker)] if marker else []
             conditions += ['extra == "{}"'.format(extra)] if extra else []
-            found.append("; ".join([line, " and ".join(conditions)]) if conditions else line)
-    return found
+            requirements.append("; ".join([line, " and ".join(conditions)]) if conditions else line)
+    return requirements
 
 
-def _recorded(place: Any) -> Any:
+def _read_record(place: Any) -> Any:
     """Return the files that RECORD lists, with their hashes, relative to the package folder; None without RECORD."""
     path = os.path.join(place, "RECORD")
     if not os.path.isfile(path):
@@ -279,17 +279,17 @@ def _missing(entry: Any, files: Any) -> Any:
     return [one for one in plain if not os.path.lexists(os.path.join(entry, one))]
 
 
-def _claimed(found: Any) -> Any:
+def _find_shared_files(distributions: Any) -> Any:
     """Find files that several distributions of a folder claim: the last one installed has overwritten the others.
 
     Two that bring the very same file do each other no harm.
     """
     owners: Dict[Any, Any] = {}
-    for one in found:
-        place = os.path.join(one["location"], one["folder"])
-        for file, mark in (_recorded(place) or {}).items():
+    for distribution in distributions:
+        place = os.path.join(distribution["location"], distribution["folder"])
+        for file, mark in (_read_record(place) or {}).items():
             if file.endswith(CODE) and not file.startswith("..") and file.split("/")[0].partition(".")[0] not in COMMON:
-                owners.setdefault((one["location"], file), {})[one["folder"]] = mark
+                owners.setdefault((distribution["location"], file), {})[distribution["folder"]] = mark
     groups: Dict[Any, Any] = {}
     for (location, file), marks in owners.items():
         if len(set(marks.values())) > 1:
@@ -311,7 +311,7 @@ def _leftovers(entry: Any) -> Any:
 # --- modules that hide others ----------------------------------------------------------------------------------
 
 
-def _hidden(found: Any, entries: Any) -> Any:
+def _find_shadowing(distributions: Any, entries: Any) -> Any:
     """Find modules that exist twice: `first` is imported, `then` is that of a distribution or of Python.
 
     The working folder comes first, as it does for `python -c` and for a script that lies there.
@@ -319,15 +319,15 @@ def _hidden(found: Any, entries: Any) -> Any:
     safe = getattr(sys.flags, "safe_path", False) or sys.flags.isolated
     here = [] if safe or not _folder() else [_folder()]
     order = [*here, *entries]
-    known = {name for one in found for name in one["modules"] if name not in COMMON}
+    modules = {name for one in distributions for name in one["modules"] if name not in COMMON}
     tops = {entry: _importable(entry) for entry in order}
-    told = []
-    for name in sorted(known):
+    duplicates = []
+    for name in sorted(modules):
         places = [tops[entry][name] for entry in order if name in tops[entry]]
         real = list(dict.fromkeys(map(os.path.realpath, places)))
         if len(real) > 1:
-            told.append({"module": name, "first": places[0], "then": real[1], "standard": False})
-    return told + _hiding_standard(order, tops)
+            duplicates.append({"module": name, "first": places[0], "then": real[1], "standard": False})
+    return duplicates + _hiding_standard(order, tops)
 
 
 def _hiding_standard(order: Any, tops: Any) -> Any:
@@ -343,18 +343,18 @@ def _hiding_standard(order: Any, tops: Any) -> Any:
 
 def _importable(entry: Any) -> Any:
     """Return the modules and packages of a folder by name; a folder without `__init__.py` hides nothing."""
-    found: Dict[str, str] = {}
+    modules: Dict[str, str] = {}
     try:
         names = sorted(os.listdir(entry))
     except OSError:
-        return found
+        return modules
     for name in names:
         path = os.path.join(entry, name)
         if name.endswith(CODE):
-            found.setdefault(name.partition(".")[0], path)
+            modules.setdefault(name.partition(".")[0], path)
         elif "." not in name and os.path.isfile(os.path.join(path, "__init__.py")):
-            found[name] = os.path.join(path, "__init__.py")
-    return found
+            modules[name] = os.path.join(path, "__init__.py")
+    return modules
 
 
 # --- conda -----------------------------------------------------------------------------------------------------
@@ -363,18 +363,18 @@ def _importable(entry: Any) -> Any:
 def _conda() -> Any:
     """Return the packages that conda installed here. `metadata` are the folders of Python metadata of each package."""
     place = os.path.join(_prefix(), "conda-meta")
-    found: List[Dict[str, Any]] = []
+    packages: List[Dict[str, Any]] = []
     for name in sorted(os.listdir(place)) if os.path.isdir(place) else ():
         if name.endswith(".json"):
-            told = _json(os.path.join(place, name))
-            if not isinstance(told, dict) or not told.get("name"):
-                found.append({"name": name[:-5], "trouble": "it cannot be read"})
+            record = _json(os.path.join(place, name))
+            if not isinstance(record, dict) or not record.get("name"):
+                packages.append({"name": name[:-5], "trouble": "it cannot be read"})
                 continue
-            files = [one for one in told.get("files") or () if isinstance(one, str)]
+            files = [one for one in record.get("files") or () if isinstance(one, str)]
             folders = {one.split("/")[-2] for one in files if one.endswith(("-info/METADATA", "-info/PKG-INFO"))}
-            fields: Dict[str, Any] = {key: told.get(key) for key in ("name", "version", "build", "channel")}
-            found.append(dict(fields, metadata=sorted(folders), trouble=None))
-    return found
+            fields: Dict[str, Any] = {key: record.get(key) for key in ("name", "version", "build", "channel")}
+            packages.append(dict(fields, metadata=sorted(folders), trouble=None))
+    return packages
 
 
 def _json(path: Any) -> Any:

@@ -15,10 +15,10 @@ from ..matching import Around
 from ..requirements import Requirement, requirement
 from ..silent import plainly_good
 from ..versions import is_version, version
-from .declared import NOTE, WARNING, Finding, unmet
+from .declared import NOTE, WARNING, Finding, find_violations
 from .differences import versions
 
-Told = Mapping[str, Any]
+JsonObject = Mapping[str, Any]
 PYTHON, UNCOVERED, FARTHEST = 8, 20, 2
 """What it weighs that a cell was measured on the next minor version of Python, and that it says nothing of a package
 that is here; and from how many minor versions away nothing is taken."""
@@ -38,13 +38,13 @@ class Change(NamedTuple):
         return dict(self._asdict())
 
 
-class Near(NamedTuple):
+class Candidate(NamedTuple):
     """A cell that works, and its distance: `changes` matter, `also` are the other versions that differ.
 
     `uncovered` is there and not in the cell, `foreign` in the cell and not there.
     """
 
-    cell: Told
+    cell: JsonObject
     lock: Mapping[str, str]
     changes: Tuple[Change, ...]
     also: Tuple[Change, ...]
@@ -62,18 +62,18 @@ def minor(text: Optional[str]) -> str:
     return ".".join((text or "").split(".")[:2])
 
 
-def subjects(facts: Told) -> List[str]:
+def subjects(facts: JsonObject) -> List[str]:
     """Return the simulators that are installed here, sorted by name."""
     return sorted(set(versions(facts)) & SIMULATORS)
 
 
-def found(
-    facts: Told,
-    measured: Told,
+def find(
+    facts: JsonObject,
+    measured: JsonObject,
     env: Optional[str] = None,
     remedies: Sequence[str] = (),
     issues: Sequence[Any] = (),
-) -> Optional[Near]:
+) -> Optional[Candidate]:
     """Return the nearest cell, first one that breaks no unchanged package; None if nothing known is installed.
 
     One that does what `remedies` ask for is nearer. One whose own versions run into one of the `issues` (known failures
@@ -83,15 +83,19 @@ def found(
     green = _green(measured, env)
     near = [_near(facts, cell, lock, wanted, env) for cell, lock in green if not _shares(issues, cell, lock)]
     python = facts["python"]["version"]
-    near = [one for one in near if _away(one.cell["python"], python) <= FARTHEST]
+    near = [one for one in near if _count_minors_apart(one.cell["python"], python) <= FARTHEST]
     fitting = [one for one in near if len(one.uncovered) < max(len(wanted), 1)] if wanted or env else []
-    asked = [requirement(text) for text in remedies]
-    ordered = sorted(fitting, key=lambda one: (_against(one, asked), _order(one, facts)))[:MOST]
-    made = [_with_needs(facts, _with_missing(facts, one, asked)) for one in ordered]
-    return next((one for one in made if not hurt(facts, one)), made[0] if made else None)
+    requirements = [requirement(text) for text in remedies]
+    ordered = sorted(fitting, key=lambda candidate: (_against(candidate, requirements), _order(candidate, facts)))[
+        :MOST
+    ]
+    candidates = [_with_needs(facts, _with_missing(facts, one, requirements)) for one in ordered]
+    return next(
+        (one for one in candidates if not describe_conflicts(facts, one)), candidates[0] if candidates else None
+    )
 
 
-def _green(measured: Told, env: Optional[str]) -> Iterator[Tuple[Told, Dict[str, str]]]:
+def _green(measured: JsonObject, env: Optional[str]) -> Iterator[Tuple[JsonObject, Dict[str, str]]]:
     """Yield the cells that work, each with its installed versions."""
     for cell in measured.get("cells", ()):
         lock = measured["locks"].get(cell["lock"]) if cell["lock"] else None
@@ -99,7 +103,7 @@ def _green(measured: Told, env: Optional[str]) -> Iterator[Tuple[Told, Dict[str,
             yield cell, dict(lock)
 
 
-def _shares(issues: Sequence[Any], cell: Told, lock: Mapping[str, str]) -> bool:
+def _shares(issues: Sequence[Any], cell: JsonObject, lock: Mapping[str, str]) -> bool:
     """Tell whether the versions of a cell run into one of these known failures, as those that are installed here do."""
     bounded = [one._replace(silent=True) for one in issues if any(map(_bounded, one.packages))]
     return bool(matching.lurking(bounded, Around(installed=lock, python=cell["python"])))
@@ -109,12 +113,12 @@ def _bounded(part: Any) -> bool:
     return all(requirement(text).specifiers for text in part.requirements)
 
 
-def good(cell: Told) -> bool:
+def good(cell: JsonObject) -> bool:
     """Return whether a cell works, and no silent issue is left open in it."""
     return plainly_good(cell["verdict"], cell["unverified"])
 
 
-def _has(cell: Told, env: str) -> bool:
+def _has(cell: JsonObject, env: str) -> bool:
     """Return whether an environment was made and stepped there."""
     return any(
         bare(case["env"], case["api"]) == bare(env, case["api"]) and case["phases"].get("single") == "passed"
@@ -128,7 +132,9 @@ def bare(env: str, api: str) -> str:
     return env[len(api) + 1 :] if env.startswith(api + ":") else env
 
 
-def _near(facts: Told, cell: Told, lock: Dict[str, str], wanted: Sequence[str], env: Optional[str]) -> Near:
+def _near(
+    facts: JsonObject, cell: JsonObject, lock: Dict[str, str], wanted: Sequence[str], env: Optional[str]
+) -> Candidate:
     there = versions(facts)
     apart = [Change(name, there[name], then) for name, then in lock.items() if name in there and there[name] != then]
     if env is not None:
@@ -136,98 +142,112 @@ def _near(facts: Told, cell: Told, lock: Dict[str, str], wanted: Sequence[str], 
         named = {name for name in lock if name in SIMULATORS and (name in cell["axes"] or name in brought)}
         apart += [Change(name, None, lock[name]) for name in sorted(named - set(there))]
     changes = [one for one in apart if _matters(one)]
-    return Near(
+    return Candidate(
         cell=cell,
         lock=lock,
-        changes=tuple(sorted(changes, key=lambda one: (-weight(one.name), one.name))),
+        changes=tuple(sorted(changes, key=lambda change: (-weight(change.name), change.name))),
         also=tuple(sorted(one for one in apart if one not in changes)),
         uncovered=tuple(name for name in wanted if name not in lock),
         foreign=tuple(sorted(name for name in lock if name in SIMULATORS and name not in there)),
     )
 
 
-def _matters(one: Change) -> bool:
+def _matters(change: Change) -> bool:
     """Return whether a difference counts: of simulators each, of what they stand on that of the first number."""
-    if one.now is None or one.name in SIMULATORS:
+    if change.now is None or change.name in SIMULATORS:
         return True
-    if not weight(one.name) or not is_version(one.now):
+    if not weight(change.name) or not is_version(change.now):
         return False
-    return version(one.now).release[:1] != version(one.then).release[:1]
+    return version(change.now).release[:1] != version(change.then).release[:1]
 
 
-def _order(one: Near, facts: Told) -> Tuple[Any, ...]:
+def _order(candidate: Candidate, facts: JsonObject) -> Tuple[Any, ...]:
     """Return a sort key, least for the nearest cell: it has all that is here, and needs few changes.
 
     Another Python counts as a change.
     """
-    away = _away(one.cell["python"], facts["python"]["version"])
-    numpy = one.lock.get("numpy", "0")
+    away = _count_minors_apart(candidate.cell["python"], facts["python"]["version"])
+    numpy = candidate.lock.get("numpy", "0")
     newest = tuple(-part for part in version(numpy).release) if is_version(numpy) else ()
-    settings = len(one.cell.get("environment", {}))
+    settings = len(candidate.cell.get("environment", {}))
     return (
-        one.distance + PYTHON * away + UNCOVERED * len(one.uncovered), _old(one), len(one.foreign), away, settings,
-        len(one.also), newest, one.cell["id"],
+        candidate.distance + PYTHON * away + UNCOVERED * len(candidate.uncovered),
+        _old(candidate), len(candidate.foreign), away, settings,
+        len(candidate.also), newest, candidate.cell["id"],
     )  # fmt: skip
 
 
-def _old(one: Near) -> List[Any]:
+def _old(candidate: Candidate) -> List[Any]:
     """Return a sort key of the packages missing here: gymnasium first, then the newest versions."""
-    new = [each for each in one.changes if each.now is None]
+    new = [each for each in candidate.changes if each.now is None]
     return [(each.name != "gymnasium", each.name, [-part for part in version(each.then).release]) for each in new]
 
 
-def _against(one: Near, asked: Sequence[Requirement]) -> int:
+def _against(candidate: Candidate, requirements: Sequence[Requirement]) -> int:
     """Return how many remedies it does not heed, or says nothing of."""
-    return sum(each.name not in one.lock or not each.specifiers.admits(one.lock[each.name]) for each in asked)
+    return sum(
+        each.name not in candidate.lock or not each.specifiers.admits(candidate.lock[each.name])
+        for each in requirements
+    )
 
 
-def _away(one: Optional[str], other: str) -> int:
+def _count_minors_apart(python: Optional[str], other: str) -> int:
     """Return how many minor versions two Pythons are apart."""
-    numbers = [int(part) for each in (one, other) for part in minor(each).split(".")[1:]]
+    numbers = [int(part) for each in (python, other) for part in minor(each).split(".")[1:]]
     return abs(numbers[0] - numbers[1]) if len(numbers) > 1 else 99
 
 
-def _gap(one: Change) -> int:
+def _gap(change: Change) -> int:
     """Return how far two versions are apart: 1 within a minor version, 2 within a major one, else 3.
 
     Before 1.0 each minor version counts as a major one.
     """
-    if one.now is None or not (is_version(one.now) and is_version(one.then)):
+    if change.now is None or not (is_version(change.now) and is_version(change.then)):
         return 3
-    now, then = version(one.now).release, version(one.then).release
+    now, then = version(change.now).release, version(change.then).release
     if now[0] != then[0] or (now[0] == 0 and now[:2] != then[:2]):
         return 3
     return 1 if now[:2] == then[:2] else 2
 
 
-def _with_missing(facts: Told, one: Near, asked: Sequence[Requirement]) -> Near:
+def _with_missing(facts: JsonObject, candidate: Candidate, requirements: Sequence[Requirement]) -> Candidate:
     """Add the packages that a remedy installs, where they are in the cell and not here."""
-    there, named = versions(facts), {each.name for each in one.changes}
-    missing = dict.fromkeys(each.name for each in asked if each.name not in {*there, *named} and each.name in one.lock)
-    return one._replace(changes=(*one.changes, *(Change(name, None, one.lock[name]) for name in missing)))
+    there, named = versions(facts), {each.name for each in candidate.changes}
+    missing = dict.fromkeys(
+        each.name for each in requirements if each.name not in {*there, *named} and each.name in candidate.lock
+    )
+    return candidate._replace(
+        changes=(*candidate.changes, *(Change(name, None, candidate.lock[name]) for name in missing))
+    )
 
 
-def _with_needs(facts: Told, one: Near) -> Near:
+def _with_needs(facts: JsonObject, candidate: Candidate) -> Candidate:
     """Add the changes of further packages that would otherwise conflict with the changes."""
     there = versions(facts)
-    changes = list(one.changes)
-    before = {(each.asker, each.name) for each in unmet(facts, there)}
+    changes = list(candidate.changes)
+    before = {(each.asker, each.name) for each in find_violations(facts, there)}
     while True:
-        made = {**there, **{each.name: each.then for each in changes}}
+        new_versions = {**there, **{each.name: each.then for each in changes}}
         stays = set(there) - {each.name for each in changes}
-        hurt = [each for each in unmet(facts, made) if each.asker in stays and (each.asker, each.name) not in before]
-        more = [each for each in one.also if each.name in {name.asker for name in hurt} and each not in changes]
+        hurt = [
+            each
+            for each in find_violations(facts, new_versions)
+            if each.asker in stays and (each.asker, each.name) not in before
+        ]
+        more = [each for each in candidate.also if each.name in {name.asker for name in hurt} and each not in changes]
         if not more:
-            return one._replace(changes=tuple(changes), also=tuple(each for each in one.also if each not in changes))
+            return candidate._replace(
+                changes=tuple(changes), also=tuple(each for each in candidate.also if each not in changes)
+            )
         changes += more
 
 
-def hurt(facts: Told, one: Near) -> List[str]:
+def describe_conflicts(facts: JsonObject, candidate: Candidate) -> List[str]:
     """Return sentences about unchanged packages whose requirements the changes break."""
     there = versions(facts)
-    changed = {each.name: each.then for each in one.changes}
-    before = {(each.asker, each.name) for each in unmet(facts, there)}
-    after = unmet(facts, {**there, **changed})
+    changed = {each.name: each.then for each in candidate.changes}
+    before = {(each.asker, each.name) for each in find_violations(facts, there)}
+    after = find_violations(facts, {**there, **changed})
     return [
         "{} {} asks for {}".format(each.asker, there[each.asker], each.text)
         for each in after
@@ -238,34 +258,34 @@ def hurt(facts: Told, one: Near) -> List[str]:
 # --- what failed -----------------------------------------------------------------------------------------------
 
 
-def failed(facts: Told, measured: Told) -> List[Finding]:
+def find_failure(facts: JsonObject, measured: JsonObject) -> List[Finding]:
     """Return a finding if exactly these versions were measured to fail, and no measurement with them works."""
     wanted = subjects(facts)
     python = minor(facts["python"]["version"])
-    red: List[Told] = []
-    green: List[Told] = []
+    red: List[JsonObject] = []
+    green: List[JsonObject] = []
     for cell in measured.get("cells", ()):
         lock = measured["locks"].get(cell["lock"]) if cell["lock"] else None
         if not lock or not wanted or minor(cell["python"]) != python or cell.get("environment"):
             continue
-        one = _near(facts, cell, dict(lock), wanted, None)
-        if not (one.changes or one.uncovered or one.foreign):
+        candidate = _near(facts, cell, dict(lock), wanted, None)
+        if not (candidate.changes or candidate.uncovered or candidate.foreign):
             (green if good(cell) else red).append(cell)
     telling = [(cell, envs) for cell in red for envs in [_failing(cell, wanted)] if envs and cell["decisive"]]
     return [] if green else [_red(cell, envs) for cell, envs in telling[:1]]
 
 
-def _failing(cell: Told, wanted: Sequence[str]) -> List[str]:
+def _failing(cell: JsonObject, wanted: Sequence[str]) -> List[str]:
     """Return the environments that failed in a cell, of those whose API is installed here."""
     return [case["env"] for case in cell["cases"] if case["env"] and package(case["api"]) in wanted and _bad(case)]
 
 
-def _bad(case: Told) -> bool:
+def _bad(case: JsonObject) -> bool:
     """Return whether a case failed, or misleads."""
     return bool(FAILED & set(case["phases"].values()) or case.get("misleads"))
 
 
-def _red(cell: Told, envs: Sequence[str]) -> Finding:
+def _red(cell: JsonObject, envs: Sequence[str]) -> Finding:
     phases = ", ".join(name for name, how in cell["phases"].items() if how in FAILED)
     what = "fails in {}".format(phases) if phases else "misleads"
     text = "measured with these versions ({}), {} {}: {}".format(cell["id"], ", ".join(envs), what, cell["decisive"])
@@ -275,35 +295,35 @@ def _red(cell: Told, envs: Sequence[str]) -> Finding:
 # --- in words --------------------------------------------------------------------------------------------------
 
 
-def command(one: Near, installer: Installer) -> Optional[str]:
+def command(candidate: Candidate, installer: Installer) -> Optional[str]:
     """Return the line that installs the changes; None where nothing has to change."""
-    if not one.changes:
+    if not candidate.changes:
         return None
-    return " && ".join(installer.installing(["{}=={}".format(each.name, each.then) for each in one.changes]))
+    return " && ".join(installer.installing(["{}=={}".format(each.name, each.then) for each in candidate.changes]))
 
 
-def remarks(facts: Told, one: Near) -> List[str]:
+def remarks(facts: JsonObject, candidate: Candidate) -> List[str]:
     """Return sentences on the limits of a combination: another Python, parts not tested, settings, conflicts."""
-    python, there = minor(facts["python"]["version"]), minor(one.cell["python"])
-    told = []
+    python, there = minor(facts["python"]["version"]), minor(candidate.cell["python"])
+    sentences = []
     if python != there:
-        told.append("it was measured on Python {}: nothing near was measured on {}".format(there, python))
-    if one.uncovered:
-        told.append("{} was not part of that test".format(" and ".join(one.uncovered)))
-    if one.cell.get("unverified"):
-        told.append("not verified there: {}".format(", ".join(one.cell["unverified"])))
-    settings = {**one.cell.get("environment", {}), **one.cell.get("supplied", {})}
+        sentences.append("it was measured on Python {}: nothing near was measured on {}".format(there, python))
+    if candidate.uncovered:
+        sentences.append("{} was not part of that test".format(" and ".join(candidate.uncovered)))
+    if candidate.cell.get("unverified"):
+        sentences.append("not verified there: {}".format(", ".join(candidate.cell["unverified"])))
+    settings = {**candidate.cell.get("environment", {}), **candidate.cell.get("supplied", {})}
     if settings:
-        told.append("with " + " ".join("{}={}".format(name, value) for name, value in sorted(settings.items())))
-    return told + ["afterwards " + text for text in hurt(facts, one)]
+        sentences.append("with " + " ".join("{}={}".format(name, value) for name, value in sorted(settings.items())))
+    return sentences + ["afterwards " + text for text in describe_conflicts(facts, candidate)]
 
 
-def plain(facts: Told, one: Near, installer: Installer, env: Optional[str] = None) -> Dict[str, Any]:
+def to_dict(facts: JsonObject, candidate: Candidate, installer: Installer, env: Optional[str] = None) -> Dict[str, Any]:
     """Return the combination as a plain dict.
 
     `env` is the environment that was made and stepped there, if one was requested.
     """
-    cell = one.cell
+    cell = candidate.cell
     return {
         "cell": cell["id"],
         "env": env,
@@ -311,10 +331,10 @@ def plain(facts: Told, one: Near, installer: Installer, env: Optional[str] = Non
         "machine": cell["machine"],
         "measured": cell["measured"],
         "lock": cell["lock"],
-        "distance": one.distance,
-        "changes": [each.plain() for each in one.changes],
-        "also": [each.plain() for each in one.also],
-        "command": command(one, installer),
-        "uncovered": list(one.uncovered),
-        "remarks": remarks(facts, one),
+        "distance": candidate.distance,
+        "changes": [each.plain() for each in candidate.changes],
+        "also": [each.plain() for each in candidate.also],
+        "command": command(candidate, installer),
+        "uncovered": list(candidate.uncovered),
+        "remarks": remarks(facts, candidate),
     }

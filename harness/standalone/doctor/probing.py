@@ -8,21 +8,21 @@ import pkgutil
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence
 
 from ..keys import LEFT_OUT, MODULES
-from ..running import Ran, Run
+from ..running import ProcessResult, Run
 from ..versions import canonical
 
 SECONDS = 60
 """How long one import may take."""
 LOOKING_SECONDS = 120.0
 
-KEPT = frozenset(
+BASIC_VARIABLES = frozenset(
     "PATH HOME USER LOGNAME SHELL TERM LANG LANGUAGE TZ TMPDIR DISPLAY XAUTHORITY WAYLAND_DISPLAY HOSTNAME PWD".split()
 )
 """The variables that stay when an environment is scrubbed; those of LC_ and XDG_, too."""
 NO_USER_SITE = "PYTHONNOUSERSITE"
 
 
-class Here(NamedTuple):
+class Viewpoint(NamedTuple):
     """The point of view of an inspection: the interpreter, and the variables and folder of the caller."""
 
     run: Run
@@ -31,19 +31,19 @@ class Here(NamedTuple):
     folder: str
     scratch: str
 
-    def scrubbed(self, *kept: str, folder: Optional[str] = None) -> Here:
-        """Return a copy without the caller's variables, except basic ones and `kept`.
+    def scrubbed(self, *allowlist: str, folder: Optional[str] = None) -> Viewpoint:
+        """Return a copy without the caller's variables, except basic ones and `allowlist`.
 
         It works in `folder`, or without one in an empty folder.
         """
         left = {
             name: value
             for name, value in self.variables.items()
-            if name in KEPT or name in kept or name.startswith(("LC_", "XDG_"))
+            if name in BASIC_VARIABLES or name in allowlist or name.startswith(("LC_", "XDG_"))
         }
-        if USER_SITE not in kept:
+        if USER_SITE not in allowlist:
             left[NO_USER_SITE] = "1"
-        return self._replace(variables=left, folder=folder or made(os.path.join(self.scratch, "empty")))
+        return self._replace(variables=left, folder=folder or ensure_folder(os.path.join(self.scratch, "empty")))
 
     @property
     def removed(self) -> List[str]:
@@ -56,27 +56,27 @@ USER_SITE = "the user site"
 """In place of a variable: what lies in ~/.local."""
 
 
-def made(folder: str) -> str:
+def ensure_folder(folder: str) -> str:
     """Return the folder; make it if it does not exist."""
     os.makedirs(folder, exist_ok=True)
     return folder
 
 
-def facts(here: Here, name: str, *flags: str) -> Dict[str, Any]:
+def describe_environment(here: Viewpoint, name: str, *flags: str) -> Dict[str, Any]:
     """Return the interpreter's description of its environment; if it gives none, `trouble` is the reason."""
     target = os.path.join(here.scratch, name + ".json")
     argv = [here.python, "-B", *flags, _script(here, "looking.py"), target]
     ran = here.run(argv, here.variables, here.folder, LOOKING_SECONDS)
     try:
         with open(target, encoding="ascii") as file:
-            told = json.load(file)
-        assert isinstance(told, dict)
+            description = json.load(file)
+        assert isinstance(description, dict)
     except (OSError, ValueError, AssertionError):
-        return {"trouble": ended(ran), "output": ran.output[-6000:]}
-    return told
+        return {"trouble": describe_end(ran), "output": ran.output[-6000:]}
+    return description
 
 
-def seen(here: Here) -> Dict[str, Any]:
+def list_rendering_support(here: Viewpoint) -> Dict[str, Any]:
     """Return the rendering libraries and devices found here; empty if they cannot be determined."""
     target = os.path.join(here.scratch, "seen.json")
     here.run([here.python, "-B", _script(here, "seeing.py"), target], here.variables, here.folder, 30.0)
@@ -87,7 +87,7 @@ def seen(here: Here) -> Dict[str, Any]:
         return {}
 
 
-def ended(ran: Ran) -> str:
+def describe_end(ran: ProcessResult) -> str:
     """Describe in one line the end of a process that should have succeeded."""
     lines = [line.strip() for line in ran.output.splitlines() if line.strip()]
     if ran.timed_out:
@@ -97,47 +97,47 @@ def ended(ran: Ran) -> str:
     return lines[-1] if lines else "it ended with {}, without a word".format(ran.code)
 
 
-def _script(here: Here, name: str) -> str:
+def _script(here: Viewpoint, name: str) -> str:
     """Return the path of a script for the environment's own interpreter: a copy, since ours may lie in an archive."""
-    path = os.path.join(made(os.path.join(here.scratch, "scripts")), name)
+    path = os.path.join(ensure_folder(os.path.join(here.scratch, "scripts")), name)
     if not os.path.exists(path):
         with open(path, "wb") as file:
             file.write(pkgutil.get_data(__name__.rpartition(".")[0], name) or b"")
     return path
 
 
-def modules(told: Mapping[str, Any]) -> List[str]:
+def modules(description: Mapping[str, Any]) -> List[str]:
     """Return the modules to import: those of the packages that matter and are installed."""
-    names = {canonical(one["name"]) for one in told.get("distributions", ())}
-    tops = set(told.get("importable", ()))
-    found = [module for name, module in MODULES.items() if name in names or module in tops]
-    return list(dict.fromkeys(found))
+    names = {canonical(one["name"]) for one in description.get("distributions", ())}
+    tops = set(description.get("importable", ()))
+    selection = [module for name, module in MODULES.items() if name in names or module in tops]
+    return list(dict.fromkeys(selection))
 
 
-def left_out(told: Mapping[str, Any]) -> Dict[str, str]:
+def left_out(description: Mapping[str, Any]) -> Dict[str, str]:
     """Return the installed packages that are not imported, with the reason."""
-    names = {canonical(one["name"]) for one in told.get("distributions", ())}
+    names = {canonical(one["name"]) for one in description.get("distributions", ())}
     return {name: why for name, why in LEFT_OUT.items() if name in names}
 
 
 # --- imports ---------------------------------------------------------------------------------------------------
 
 
-def imports(here: Here, names: Sequence[str]) -> Dict[str, Dict[str, Any]]:
+def imports(here: Viewpoint, names: Sequence[str]) -> Dict[str, Dict[str, Any]]:
     """Import the modules one after the other and return their results; those that fail are tried again alone.
 
     `alone` says that a module can be imported where no other one is.
     """
-    found = _together(here, names)
+    results = _together(here, names)
     for name in names[1:]:
-        if found[name]["error"]:
+        if results[name]["error"]:
             again = _together(here, [name])[name]
-            found[name] = again if again["error"] else dict(found[name], alone=True)
-    return found
+            results[name] = again if again["error"] else dict(results[name], alone=True)
+    return results
 
 
-def _together(here: Here, names: Sequence[str]) -> Dict[str, Dict[str, Any]]:
-    found: Dict[str, Dict[str, Any]] = {}
+def _together(here: Viewpoint, names: Sequence[str]) -> Dict[str, Dict[str, Any]]:
+    results: Dict[str, Dict[str, Any]] = {}
     waiting = list(names)
     while waiting:
         target = os.path.join(here.scratch, "imports.jsonl")
@@ -145,24 +145,24 @@ def _together(here: Here, names: Sequence[str]) -> Dict[str, Dict[str, Any]]:
             os.unlink(target)
         argv = [here.python, "-B", _script(here, "importing.py"), target, str(SECONDS), *waiting]
         ran = here.run(argv, here.variables, here.folder, SECONDS * len(waiting) + 30.0)
-        told = list(_lines(target))
-        found.update({one["module"]: dict(one, output="") for one in told if not one["started"]})
-        left = [name for name in waiting if name not in found]
+        records = list(_lines(target))
+        results.update({one["module"]: dict(one, output="") for one in records if not one["started"]})
+        left = [name for name in waiting if name not in results]
         if not left:
             break
-        started = [one["module"] for one in told if one["started"] and one["module"] in left]
+        started = [one["module"] for one in records if one["started"] and one["module"] in left]
         guilty = started[-1] if started else left[0]
-        found[guilty] = _died(guilty, ran, started=bool(started))
+        results[guilty] = _died(guilty, ran, started=bool(started))
         waiting = left[left.index(guilty) + 1 :]
-    return found
+    return results
 
 
-def _died(name: str, ran: Ran, *, started: bool) -> Dict[str, Any]:
+def _died(name: str, ran: ProcessResult, *, started: bool) -> Dict[str, Any]:
     slow = ran.timed_out or ran.signal == "SIGALRM"
-    said = "TimeoutError: `import {}` takes more than {} s".format(name, SECONDS) if slow else _death(ran)
+    message = "TimeoutError: `import {}` takes more than {} s".format(name, SECONDS) if slow else _death(ran)
     return {
         "module": name,
-        "error": said if started else ended(ran),
+        "error": message if started else describe_end(ran),
         "signal": None if slow else ran.signal,
         "traceback": ran.output[-6000:],
         "output": ran.output[-6000:],
@@ -170,7 +170,7 @@ def _died(name: str, ran: Ran, *, started: bool) -> Dict[str, Any]:
     }
 
 
-def _death(ran: Ran) -> str:
+def _death(ran: ProcessResult) -> str:
     return "killed by " + ran.signal if ran.signal else "the process ended with exit code {}".format(ran.code)
 
 
@@ -186,28 +186,28 @@ def _lines(path: str) -> Iterator[Dict[str, Any]]:
 # --- both ------------------------------------------------------------------------------------------------------
 
 
-def probed(here: Here) -> Dict[str, Any]:
+def run_probes(here: Viewpoint) -> Dict[str, Any]:
     """Return all results: `facts` and `imports` as it is, `scrubbed` and `clean_imports` scrubbed."""
     clean = here.scrubbed()
-    as_it_is, scrubbed = facts(here, "as-it-is"), facts(clean, "scrubbed")
+    as_it_is, scrubbed = describe_environment(here, "as-it-is"), describe_environment(clean, "scrubbed")
     if "trouble" in scrubbed:
-        bare = facts(clean, "bare", "-I", "-S")
+        bare = describe_environment(clean, "bare", "-I", "-S")
         scrubbed = scrubbed if "trouble" in bare else dict(bare, trouble=scrubbed["trouble"])
     looked = as_it_is if "distributions" in as_it_is else scrubbed
     names = modules(looked)
     startable = [one for one in (as_it_is, scrubbed) if "trouble" not in one]
-    told = imports(here, names) if as_it_is in startable else {}
+    results = imports(here, names) if as_it_is in startable else {}
     alike = not here.removed and not _apart(as_it_is, scrubbed)
-    again = told if alike else imports(clean, names) if scrubbed in startable else {}
+    again = results if alike else imports(clean, names) if scrubbed in startable else {}
     return {
         "facts": as_it_is,
         "scrubbed": scrubbed,
-        "imports": told,
+        "imports": results,
         "clean_imports": again,
         "left_out": left_out(looked),
     }
 
 
-def _apart(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+def _apart(description: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     """Return whether something can come from the folder or the user site."""
-    return one.get("path") != other.get("path") or one.get("hidden") != other.get("hidden")
+    return description.get("path") != other.get("path") or description.get("hidden") != other.get("hidden")

@@ -13,9 +13,9 @@ from ..silent import concerns
 from ..versions import canonical
 from .declared import NOTE, WARNING, Finding
 from .differences import FIRST, Difference, versions
-from .probing import USER_SITE, Here
+from .probing import USER_SITE, Viewpoint
 
-Told = Mapping[str, Any]
+JsonObject = Mapping[str, Any]
 STEM = re.compile(r"^(lib[A-Za-z+]+?)[-.\d]")
 KINDS = {"libgomp": "OpenMP", "libomp": "OpenMP", "libiomp": "OpenMP"}
 NAMES = {
@@ -28,7 +28,7 @@ NAMES = {
     "libcudart": "CUDA's runtime",
 }
 SHOWN = 4
-TOLD = tuple(
+SHOWN_PREFIXES = tuple(
     "PYTHON LD_ MUJOCO CUDA PYOPENGL EGL DISPLAY LIBGL MESA __EGL __GLX SDL QT OMP MKL OPENBLAS JAX XLA TORCH".split()
 )
 """How the variables begin whose values are shown; that of another may be a secret."""
@@ -37,30 +37,30 @@ TOLD = tuple(
 # --- imports ---------------------------------------------------------------------------------------------------
 
 
-def failed(probes: Told, apart: Sequence[Difference]) -> List[Finding]:
+def report_failed_imports(probes: JsonObject, apart: Sequence[Difference]) -> List[Finding]:
     """Return findings about imports that fail, except those that a difference already explains."""
-    told = {one.module for one in apart if one.kind in {"import", "error"}}
-    found = []
-    for name, one in (probes["imports"] or probes["clean_imports"]).items():
-        if not one["error"] or name in told:
+    explained_modules = {one.module for one in apart if one.kind in {"import", "error"}}
+    findings = []
+    for name, entry in (probes["imports"] or probes["clean_imports"]).items():
+        if not entry["error"] or name in explained_modules:
             continue
-        if one.get("alone"):
-            text = "`import {}` fails once others are imported, and works alone: {}".format(name, one["error"])
+        if entry.get("alone"):
+            text = "`import {}` fails once others are imported, and works alone: {}".format(name, entry["error"])
         else:
-            text = "`import {}` fails: {}".format(name, one["error"])
-        found.append(Finding("import", WARNING, text))
-    return found
+            text = "`import {}` fails: {}".format(name, entry["error"])
+        findings.append(Finding("import", WARNING, text))
+    return findings
 
 
-def evidence(probes: Told) -> Iterator[Evidence]:
+def evidence(probes: JsonObject) -> Iterator[Evidence]:
     """Yield the errors and tracebacks of failed imports as evidence for known failures."""
-    for one in (probes["imports"] or probes["clean_imports"]).values():
-        if one["error"]:
-            told = tuple(filter(None, (one["error"], one.get("traceback"))))
-            yield Evidence(phase="import", told=told, signal=one.get("signal"))
+    for result in (probes["imports"] or probes["clean_imports"]).values():
+        if result["error"]:
+            reasons = tuple(filter(None, (result["error"], result.get("traceback"))))
+            yield Evidence(phase="import", told=reasons, signal=result.get("signal"))
 
 
-def skipped(probes: Told) -> List[Finding]:
+def skipped(probes: JsonObject) -> List[Finding]:
     """Return notes on the packages that were not imported, with the reason."""
     return [
         Finding("import.skipped", NOTE, "{} was not imported: {}".format(name, why))
@@ -71,75 +71,79 @@ def skipped(probes: Told) -> List[Finding]:
 # --- known failures --------------------------------------------------------------------------------------------
 
 
-def around(facts: Told) -> Around:
+def around(facts: JsonObject) -> Around:
     """Return the context for known failures: the installed versions and Python."""
     return Around(installed=versions(facts), python=facts["python"]["version"].rstrip("+"))
 
 
 def known_causes(
-    known: Iterable[Any], probes: Told, facts: Told, more: Sequence[Evidence] = ()
+    signatures: Iterable[Any], probes: JsonObject, facts: JsonObject, more: Sequence[Evidence] = ()
 ) -> Tuple[Diagnosis, ...]:
     """Return the known failures that the errors themselves show, the deepest cause first.
 
     Matches in a log alone do not count.
     """
-    hits = diagnose(known, [*evidence(probes), *more], around(facts))
+    hits = diagnose(signatures, [*evidence(probes), *more], around(facts))
     return tuple(hit for hit in hits if hit.told)
 
 
-def quiet(known: Iterable[Any], facts: Told, env: Optional[str] = None) -> List[Any]:
+def find_silent_issues(signatures: Iterable[Any], facts: JsonObject, env: Optional[str] = None) -> List[Any]:
     """Return the silent known issues that what is installed runs into, and that speak of the environment asked for."""
-    return [one for one in lurking(known, around(facts)) if concerns(one, env, None)]
+    return [one for one in lurking(signatures, around(facts)) if concerns(one, env, None)]
 
 
-def foreseen(known: Iterable[Any], facts: Told) -> List[Any]:
+def predict_failures(signatures: Iterable[Any], facts: JsonObject) -> List[Any]:
     """Return the known failures of exactly these versions: all take part, and the remedy asks for others.
 
     Two packages at least are named with versions, or one with Pythons: what fails with any version is not foreseen.
     Of several with one remedy that which shows in the fewest phases stands for all.
     """
     there = versions(facts)
-    plain = [one for one in known if not one.masks and one.phases and not {"resolve", "install"} & {*one.phases}]
+    plain = [one for one in signatures if not one.masks and one.phases and not {"resolve", "install"} & {*one.phases}]
     sure = [one._replace(silent=True) for one in plain if not one.silent and _bounded(one)]
-    found: Dict[Any, Any] = {}
-    for one in lurking(sure, around(facts)):
-        remedy = tuple(sorted(versions_asked([one])))
-        if _mended(one, there) and (remedy not in found or len(one.phases) < len(found[remedy].phases)):
-            found[remedy] = one
-    return list(found.values())
+    by_remedy: Dict[Any, Any] = {}
+    for signature in lurking(sure, around(facts)):
+        remedy = tuple(sorted(versions_asked([signature])))
+        if _mended(signature, there) and (
+            remedy not in by_remedy or len(signature.phases) < len(by_remedy[remedy].phases)
+        ):
+            by_remedy[remedy] = signature
+    return list(by_remedy.values())
 
 
-def _bounded(one: Any) -> bool:
-    with_versions = [part for part in one.packages if all(requirement(text).specifiers for text in part.requirements)]
-    return len(with_versions) + bool(one.python) > 1
+def _bounded(signature: Any) -> bool:
+    with_versions = [
+        part for part in signature.packages if all(requirement(text).specifiers for text in part.requirements)
+    ]
+    return len(with_versions) + bool(signature.python) > 1
 
 
-def versions_asked(known: Iterable[Any]) -> List[str]:
+def versions_asked(signatures: Iterable[Any]) -> List[str]:
     """Return the requirements and constraints of all remedies."""
-    remedies = [one.plain.get("remedy", {}) for one in known]
+    remedies = [one.plain.get("remedy", {}) for one in signatures]
     return [text for one in remedies for key in ("requirements", "constraints") for text in one.get(key, ())]
 
 
-def _mended(one: Any, there: Mapping[str, str]) -> bool:
+def _mended(signature: Any, there: Mapping[str, str]) -> bool:
     """Return whether the remedy asks for other versions than those that are there."""
-    asked = [requirement(text) for text in versions_asked([one])]
-    return any(each.name in there and not each.specifiers.admits(there[each.name]) for each in asked)
+    requirements = [requirement(text) for text in versions_asked([signature])]
+    return any(each.name in there and not each.specifiers.admits(there[each.name]) for each in requirements)
 
 
 # --- modules that hide others ----------------------------------------------------------------------------------
 
 
-def hidden(here: Here, facts: Told) -> List[Finding]:
+def find_shadowing(here: Viewpoint, facts: JsonObject) -> List[Finding]:
     """Return findings about modules that are found before those of the environment's packages."""
     own = tuple(one + os.sep for one in facts["python"]["site_packages"])
-    groups: Dict[Tuple[str, bool], List[Told]] = {}
-    for one in facts["hidden"]:
-        if not one["first"].startswith(own):
-            groups.setdefault((_place(here, facts, one["first"]), one["standard"]), []).append(one)
+    groups: Dict[Tuple[str, bool], List[JsonObject]] = {}
+    for entry in facts["hidden"]:
+        if not entry["first"].startswith(own):
+            groups.setdefault((_place(here, facts, entry["first"]), entry["standard"]), []).append(entry)
     return [_hiding(place, those, standard=standard) for (place, standard), those in groups.items()]
 
 
-def _place(here: Here, facts: Told, path: str) -> str:
+def _place(here: Viewpoint, facts: JsonObject, path: str) -> str:
     """Return the place that a module is imported from, in words."""
     if os.path.dirname(path) == here.folder or os.path.dirname(os.path.dirname(path)) == here.folder:
         return "the working folder"
@@ -151,11 +155,11 @@ def _place(here: Here, facts: Told, path: str) -> str:
     return "{} ({})".format(USER_SITE, entry) if entry == facts["python"]["user_site"] else entry
 
 
-def _hiding(place: str, those: Sequence[Told], *, standard: bool) -> Finding:
-    names = ", ".join(one["module"] for one in those[:SHOWN])
-    more = " and {} more".format(len(those) - SHOWN) if len(those) > SHOWN else ""
+def _hiding(place: str, entries: Sequence[JsonObject], *, standard: bool) -> Finding:
+    names = ", ".join(one["module"] for one in entries[:SHOWN])
+    more = " and {} more".format(len(entries) - SHOWN) if len(entries) > SHOWN else ""
     whose = "of Python's own library" if standard else "of this environment"
-    first = those[0]
+    first = entries[0]
     text = "{} hides {}{} {}: {} is imported, not {}".format(place, names, more, whose, first["first"], first["then"])
     return Finding("import.shadowed", WARNING, text)
 
@@ -163,7 +167,7 @@ def _hiding(place: str, those: Sequence[Told], *, standard: bool) -> Finding:
 # --- libraries -------------------------------------------------------------------------------------------------
 
 
-def twice(probes: Told) -> List[Finding]:
+def twice(probes: JsonObject) -> List[Finding]:
     """Return findings about shared libraries that were loaded more than once in a process."""
     paths = sorted({path for one in probes["imports"].values() for path in one["libraries"]})
     groups: Dict[str, Dict[str, str]] = {}
@@ -178,22 +182,22 @@ def twice(probes: Told) -> List[Finding]:
 def _stem(path: str) -> str:
     """Return the name of a library without its version."""
     name = os.path.basename(path)
-    found = STEM.match(name)
-    return found.group(1) if found else name
+    match = STEM.match(name)
+    return match.group(1) if match else name
 
 
-def _double(kind: str, those: Mapping[str, str]) -> Finding:
-    listed = ", ".join(those)
-    harmless = kind == "OpenMP" and set(those.values()) <= {"libgomp"}
+def _double(kind: str, libraries: Mapping[str, str]) -> Finding:
+    listed = ", ".join(libraries)
+    harmless = kind == "OpenMP" and set(libraries.values()) <= {"libgomp"}
     harmless = harmless or kind == "CUDA's runtime"
-    text = "{} was loaded {} times in one process: {}".format(kind, len(those), listed)
+    text = "{} was loaded {} times in one process: {}".format(kind, len(libraries), listed)
     return Finding("import.library_twice", NOTE if harmless else WARNING, text)
 
 
 # --- differences -----------------------------------------------------------------------------------------------
 
 
-def different(here: Here, facts: Told, apart: Sequence[Difference]) -> List[Finding]:
+def report_differences(here: Viewpoint, facts: JsonObject, apart: Sequence[Difference]) -> List[Finding]:
     """Return findings about the differences that the caller's settings make."""
     tellers = {
         "start": _start,
@@ -205,19 +209,19 @@ def different(here: Here, facts: Told, apart: Sequence[Difference]) -> List[Find
         "libraries": _loaded,
     }
     groups: Dict[Tuple[str, Tuple[str, ...]], List[Difference]] = {}
-    told = {one["module"] for one in facts["hidden"]}
+    hidden_modules = {one["module"] for one in facts["hidden"]}
     other = {one.module for one in apart if one.kind == "package"}
-    for one in apart:
-        if one.module in told and one.kind in {"import", "error", "module"}:
+    for entry in apart:
+        if entry.module in hidden_modules and entry.kind in {"import", "error", "module"}:
             continue  # which file hides it says more
-        if one.kind == "path" and other and set(_from(one, facts)) <= other:
+        if entry.kind == "path" and other and set(_from(entry, facts)) <= other:
             continue  # which versions come from there says more
-        groups.setdefault((one.kind, one.by), []).append(one)
-    found = [tellers[kind](_by(here, by), those, facts) for (kind, by), those in groups.items()]
-    return found + _without_effect(here, apart)
+        groups.setdefault((entry.kind, entry.by), []).append(entry)
+    findings = [tellers[kind](_by(here, by), those, facts) for (kind, by), those in groups.items()]
+    return findings + _without_effect(here, apart)
 
 
-def _without_effect(here: Here, apart: Sequence[Difference]) -> List[Finding]:
+def _without_effect(here: Viewpoint, apart: Sequence[Difference]) -> List[Finding]:
     """Return a note on the settings that often matter and changed no import here."""
     blamed = {name for one in apart for name in one.by}
     idle = ["{}={}".format(name, here.variables[name]) for name in FIRST if name in here.removed and name not in blamed]
@@ -225,28 +229,32 @@ def _without_effect(here: Here, apart: Sequence[Difference]) -> List[Finding]:
     return [Finding("probe.variables", NOTE, text)] if idle else []
 
 
-def _by(here: Here, by: Sequence[str]) -> str:
+def _by(here: Viewpoint, by: Sequence[str]) -> str:
     """Return the settings that cause a difference, in words, with the values that may be shown."""
     if not by:
         return "something in the caller's settings, found in none of them alone,"
-    named = ("{}={}".format(name, here.variables[name]) if name.startswith(TOLD) else name for name in by)
+    named = ("{}={}".format(name, here.variables[name]) if name.startswith(SHOWN_PREFIXES) else name for name in by)
     return " and ".join(named)
 
 
-def _start(by: str, those: Sequence[Difference], _: Told) -> Finding:
-    bad, where = (those[0].as_it_is, "here") if those[0].scrubbed == "it starts" else (those[0].scrubbed, "without it")
+def _start(by: str, differences: Sequence[Difference], _: JsonObject) -> Finding:
+    bad, where = (
+        (differences[0].as_it_is, "here")
+        if differences[0].scrubbed == "it starts"
+        else (differences[0].scrubbed, "without it")
+    )
     return Finding("probe.difference", WARNING, "with {} this Python does not start {}: {}".format(by, where, bad))
 
 
-def _from(one: Difference, facts: Told) -> List[str]:
+def _from(difference: Difference, facts: JsonObject) -> List[str]:
     """Return the packages that lie in the folders of a difference."""
-    entries = one.as_it_is.split(os.pathsep)
+    entries = difference.as_it_is.split(os.pathsep)
     return [canonical(each["name"]) for each in facts["distributions"] if each["location"] in entries]
 
 
-def _path(by: str, those: Sequence[Difference], facts: Told) -> Finding:
-    entries = [entry for one in those for entry in one.as_it_is.split(os.pathsep)]
-    from_there = {name for one in those for name in _from(one, facts)}
+def _path(by: str, differences: Sequence[Difference], facts: JsonObject) -> Finding:
+    entries = [entry for one in differences for entry in one.as_it_is.split(os.pathsep)]
+    from_there = {name for one in differences for name in _from(one, facts)}
     keys = sorted(from_there & {*MODULES}) or sorted(from_there)
     names = ", ".join(keys[:SHOWN]) + (" and {} more".format(len(keys) - SHOWN) if len(keys) > SHOWN else "")
     brings = "brings {} from {}".format(names, ", ".join(entries)) if names else "adds {}".format(", ".join(entries))
@@ -254,37 +262,37 @@ def _path(by: str, those: Sequence[Difference], facts: Told) -> Finding:
     return Finding("probe.difference", WARNING if set(keys) & {*MODULES} else NOTE, text)
 
 
-def _package(by: str, those: Sequence[Difference], facts: Told) -> Finding:
-    listed = ", ".join("{} {}, not {}".format(one.module, one.as_it_is, one.scrubbed) for one in those[:SHOWN])
-    more = " and {} more".format(len(those) - SHOWN) if len(those) > SHOWN else ""
+def _package(by: str, differences: Sequence[Difference], facts: JsonObject) -> Finding:
+    listed = ", ".join("{} {}, not {}".format(one.module, one.as_it_is, one.scrubbed) for one in differences[:SHOWN])
+    more = " and {} more".format(len(differences) - SHOWN) if len(differences) > SHOWN else ""
     text = "other versions than this environment's own are used here: {}{}".format(listed, more)
     return Finding("probe.difference", WARNING, text)
 
 
-def _import(by: str, those: Sequence[Difference], _: Told) -> Finding:
-    names, first = ", ".join(one.module for one in those), those[0]
+def _import(by: str, differences: Sequence[Difference], _: JsonObject) -> Finding:
+    names, first = ", ".join(one.module for one in differences), differences[0]
     text = "with {} `import {}` {}; without, {}".format(by, names, first.as_it_is, _short(first.scrubbed))
     return Finding("probe.difference", WARNING, text)
 
 
-def _short(said: str) -> str:
-    return "it " + said if said.startswith("fails") else "it works"
+def _short(outcome: str) -> str:
+    return "it " + outcome if outcome.startswith("fails") else "it works"
 
 
-def _module(by: str, those: Sequence[Difference], _: Told) -> Finding:
-    first = those[0]
-    names = ", ".join(one.module for one in those)
+def _module(by: str, differences: Sequence[Difference], _: JsonObject) -> Finding:
+    first = differences[0]
+    names = ", ".join(one.module for one in differences)
     text = "with {} {} is another: {}; without: {}".format(by, names, first.as_it_is, first.scrubbed)
     return Finding("probe.difference", WARNING, text)
 
 
-def _loaded(by: str, those: Sequence[Difference], _: Told) -> Finding:
+def _loaded(by: str, differences: Sequence[Difference], _: JsonObject) -> Finding:
     """Make a finding about shared libraries that differ.
 
     Another file of the same library is a warning. An additional library is a note: that is the purpose of settings
     such as MUJOCO_GL=egl.
     """
-    first = those[0]
+    first = differences[0]
     stems = [{_stem(path) for path in side.split(", ") if path} for side in (first.as_it_is, first.scrubbed)]
     text = "with {} `import {}` loads {}; without, {}".format(
         by, first.module, first.as_it_is or "less", first.scrubbed or "less"

@@ -25,9 +25,9 @@ LIBRARIES = {
 
 def document() -> Any:
     """Return each library with the reason why it cannot be loaded (None if it can), and the device files."""
-    found = {way: _loaded(names) for way, names in LIBRARIES.items()}
+    libraries = {way: _loaded(names) for way, names in LIBRARIES.items()}
     devices = sorted(glob.glob("/dev/dri/render*") + glob.glob("/dev/nvidia[0-9]*"))
-    return {"libraries": found, "devices": devices}
+    return {"libraries": libraries, "devices": devices}
 
 
 def _loaded(names: Any) -> Any:

@@ -13,13 +13,13 @@ from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence,
 
 from .. import packages, wrapping
 from ..installing import installer
-from ..matching import Known
-from ..opening import opened
+from ..matching import Signature
+from ..opening import open_file
 from ..packages import Packages
 from ..requirements import requirement
 from . import explaining, keeping, wording
-from .explaining import Explained, Here
-from .keeping import Kept
+from .explaining import Explanation, Facts
+from .keeping import Excerpt
 from .wording import Place
 
 UNKNOWN, BAD, INTERRUPTED = 1, 2, 130
@@ -31,14 +31,14 @@ HELP = (
 )
 
 
-class Bad(Exception):
+class UsageError(Exception):
     """Raised for arguments or files that cannot be used; the message says what to do."""
 
 
 class Knowledge(NamedTuple):
     """Reference data for failures, read only when there is one: known failures and measured results."""
 
-    known: Callable[[], Sequence[Known]]
+    known: Callable[[], Sequence[Signature]]
     measured: Callable[[], Optional[Mapping[str, Any]]]
 
 
@@ -62,18 +62,18 @@ def split(arguments: Sequence[str]) -> Tuple[List[str], Optional[List[str]]]:
 
 def of_text(args: argparse.Namespace, knowledge: Knowledge, place: Place) -> int:
     """Explain a file or stdin. Raises Bad."""
-    kept = _read(args.file)
-    if not kept.text.strip():
-        message = "explain: {} is empty; give the whole output of what failed".format(_called(args.file))
-        raise Bad(message)
-    around = _around(args.python, ()) if args.python else None
-    here = _here(around, knowledge)
-    made = _with_missing(explaining.explained(kept.text, knowledge.known(), here), kept)
+    excerpt = _read(args.file)
+    if not excerpt.text.strip():
+        message = "explain: {} is empty; give the whole output of what failed".format(_name_source(args.file))
+        raise UsageError(message)
+    around = _find_packages(args.python, ()) if args.python else None
+    here = _gather_facts(around, knowledge)
+    explanation = _with_missing(explaining.explain_text(excerpt.text, knowledge.known(), here), excerpt)
     if args.json:
-        print(json.dumps(made.plain()))
+        print(json.dumps(explanation.plain()))
     else:
-        _print(made, _placed(place, around, ()), sys.stdout)
-    return 0 if made.cause is not None else UNKNOWN
+        _print(explanation, _complete_place(place, around, ()), sys.stdout)
+    return 0 if explanation.cause is not None else UNKNOWN
 
 
 def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Knowledge, place: Place) -> int:
@@ -82,38 +82,40 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
 
     if not command:
         message = "explain: names no command after --"
-        raise Bad(message)
+        raise UsageError(message)
     if os.name == "nt":
         message = "explain: cannot run a command on Windows; redirect its output into a file (2>&1), and give that"
-        raise Bad(message)
+        raise UsageError(message)
     if args.file is not None:
         message = "explain: a FILE or a command, not both: {} stands before --".format(args.file)
-        raise Bad(message)
-    around = _around(args.python, command)
+        raise UsageError(message)
+    around = _find_packages(args.python, command)
     path = place.kept or _temporary()
     with open(path, "wb") as log:
         ended = spawning.run(command, log, apart=args.json)
     if ended.code == 0:
         os.unlink(path)
-        return _unexplained(args, ended.code, None)
+        return _report_nothing(args, ended.code, None)
     if ended.trouble:
         os.unlink(path)
-        return _unexplained(args, ended.code, ended.trouble)
+        return _report_nothing(args, ended.code, ended.trouble)
     if ended.code == INTERRUPTED:
-        return _unexplained(args, ended.code, "interrupted; what it wrote is in {}".format(path))
+        return _report_nothing(args, ended.code, "interrupted; what it wrote is in {}".format(path))
     with open(path, "rb") as written:
-        kept = keeping.kept(written.read)
-    asked = _asked(command)
-    here = _here(around, knowledge)._replace(failed=True, signal=ended.signal, asked=asked)
-    made = _with_end(_with_missing(explaining.explained(kept.text, knowledge.known(), here), kept), ended.code)
+        excerpt = keeping.read_excerpt(written.read)
+    requirements = _find_requirements(command)
+    here = _gather_facts(around, knowledge)._replace(failed=True, signal=ended.signal, asked=requirements)
+    explanation = _with_end(
+        _with_missing(explaining.explain_text(excerpt.text, knowledge.known(), here), excerpt), ended.code
+    )
     if args.json:
-        print(json.dumps(made.plain()))
-    place = _placed(place, around, asked)._replace(command=tuple(command), kept=path)
-    _print(made, place, sys.stderr, "\nexplain: {} failed: {}".format(os.path.basename(command[0]), _end(ended)))
+        print(json.dumps(explanation.plain()))
+    place = _complete_place(place, around, requirements)._replace(command=tuple(command), kept=path)
+    _print(explanation, place, sys.stderr, "\nexplain: {} failed: {}".format(os.path.basename(command[0]), _end(ended)))
     return ended.code
 
 
-def _unexplained(args: argparse.Namespace, code: int, why: Optional[str]) -> int:
+def _report_nothing(args: argparse.Namespace, code: int, why: Optional[str]) -> int:
     """Report why there is nothing to explain, and return the command's exit code."""
     if why:
         print("explain: {}".format(why), file=sys.stderr)
@@ -122,22 +124,22 @@ def _unexplained(args: argparse.Namespace, code: int, why: Optional[str]) -> int
     return code
 
 
-def _placed(place: Place, around: Optional[Packages], asked: Tuple[str, ...]) -> Place:
+def _complete_place(place: Place, around: Optional[Packages], requirements: Tuple[str, ...]) -> Place:
     """Return the place with the environment and the requirements of the same combination.
 
     These are the requirements asked for, else the installed packages that matter.
     """
     if around is None:
-        return place._replace(asked=asked)
+        return place._replace(asked=requirements)
     return place._replace(
         python=around.python,
         version=around.version,
-        asked=asked or tuple(wording.subjects(around.installed)),
+        asked=requirements or tuple(wording.subjects(around.installed)),
         installer=installer(around.python, around.installed or None),
     )
 
 
-def _asked(command: Sequence[str]) -> Tuple[str, ...]:
+def _find_requirements(command: Sequence[str]) -> Tuple[str, ...]:
     """Return the requirements with versions that an installer's command line names."""
     if "install" not in command and "compile" not in command:
         return ()
@@ -155,69 +157,69 @@ def _end(ended: Any) -> str:
     return "killed by {}".format(ended.signal) if ended.signal else "exit code {}".format(ended.code)
 
 
-def _print(made: Explained, place: Place, stream: TextIO, *before: str) -> None:
-    text = "\n".join([*before, *wrapping.wrapped(wording.lines(made, place), wrapping.width(stream))])
+def _print(explanation: Explanation, place: Place, stream: TextIO, *before: str) -> None:
+    text = "\n".join([*before, *wrapping.wrap_lines(wording.lines(explanation, place), wrapping.width(stream))])
     encoding = getattr(stream, "encoding", None) or "utf-8"
     print(text.encode(encoding, "replace").decode(encoding), file=stream, flush=True)
 
 
-def _with_missing(made: Explained, kept: Kept) -> Explained:
-    if not kept.missing:
-        return made
+def _with_missing(explanation: Explanation, excerpt: Excerpt) -> Explanation:
+    if not excerpt.missing:
+        return explanation
     text = "{:.1f} of {:.1f} MB were left out: looked at are the beginning, the end, and each traceback once".format(
-        kept.missing / 1e6, kept.size / 1e6
+        excerpt.missing / 1e6, excerpt.size / 1e6
     )
-    return made._replace(findings=(*made.findings, ("left out", "note", text)))
+    return explanation._replace(findings=(*explanation.findings, ("left out", "note", text)))
 
 
-def _with_end(made: Explained, code: int) -> Explained:
+def _with_end(explanation: Explanation, code: int) -> Explanation:
     """Use the command's exit code as decisive line if its output has none."""
-    if made.told.decisive:
-        return made
+    if explanation.told.decisive:
+        return explanation
     line = "exited with code {} without a word".format(code) if code < 128 else "killed without a word"
-    return made._replace(told=made.told._replace(decisive=line))
+    return explanation._replace(told=explanation.told._replace(decisive=line))
 
 
 # --- what is read ----------------------------------------------------------------------------------------------
 
 
-def _called(file: Optional[str]) -> str:
+def _name_source(file: Optional[str]) -> str:
     return "stdin" if file in {None, "-"} else str(file)
 
 
-def _read(file: Optional[str]) -> Kept:
+def _read(file: Optional[str]) -> Excerpt:
     if file is None and sys.stdin is not None and sys.stdin.isatty():
         message = "explain: give a FILE, a text on stdin, or a command after --"
-        raise Bad(message)
+        raise UsageError(message)
     if file in {None, "-"}:
-        return keeping.kept(sys.stdin.buffer.read if sys.stdin else io.BytesIO().read)
+        return keeping.read_excerpt(sys.stdin.buffer.read if sys.stdin else io.BytesIO().read)
     try:
-        with opened(str(file)) as stream:
-            return keeping.kept(stream.read)
+        with open_file(str(file)) as stream:
+            return keeping.read_excerpt(stream.read)
     except OSError as error:
         message = "explain: {}: cannot be read: {}".format(file, error.strerror)
-        raise Bad(message) from None
+        raise UsageError(message) from None
 
 
-def _around(python: Optional[str], command: Sequence[str]) -> Optional[Packages]:
+def _find_packages(python: Optional[str], command: Sequence[str]) -> Optional[Packages]:
     """Return the packages of the interpreter that `python` names, or that the command runs. Raises Bad."""
     folder = os.getcwd()
     if python is None:
         return packages.of_command(command, os.environ, folder)
-    found = packages.of_interpreter(python, os.environ, folder)
-    if found is None:
+    environment = packages.of_interpreter(python, os.environ, folder)
+    if environment is None:
         message = (
             "explain --python {}: no Python lies there; name an interpreter or the folder of an environment".format(
                 python
             )
         )
-        raise Bad(message)
-    return found
+        raise UsageError(message)
+    return environment
 
 
-def _here(around: Optional[Packages], knowledge: Knowledge) -> Here:
+def _gather_facts(around: Optional[Packages], knowledge: Knowledge) -> Facts:
     installed, python = (around.installed, around.version) if around and around.installed else (None, None)
-    return Here(installed=installed, python=python, measured=knowledge.measured())
+    return Facts(installed=installed, python=python, measured=knowledge.measured())
 
 
 def _temporary() -> str:

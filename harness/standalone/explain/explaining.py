@@ -6,14 +6,14 @@ import re
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from .. import matching
-from ..counting import Fit, counting
-from ..lines import MASKS, bounded
+from ..counting import Fit, select_counting
+from ..lines import MASKS, shorten_line
 from ..matching import Around, Diagnosis, Evidence
 from ..requirements import requirement
 from ..versions import specifiers, unsatisfiable
 from . import telling
 from .hinting import Hints, hints
-from .telling import Told
+from .telling import Failure
 
 NOTE, WARNING = "note", "warning"
 CHANGING = re.compile(r"\bline \d+|0x[0-9a-f…]+|\d+(?:\.\d+)+|(?:/[\w.+-]+){2,}")
@@ -36,7 +36,7 @@ SHOWN = 3
 INSTALLING = ("resolve", "install")
 
 
-class Here(NamedTuple):
+class Facts(NamedTuple):
     """Facts known besides the text: the packages and the Python of an environment, and how a command ended.
 
     `asked` are the requirements that a command line names. `failed` is whether it surely failed. `measured` is the
@@ -51,13 +51,13 @@ class Here(NamedTuple):
     measured: Optional[Mapping[str, Any]] = None
 
 
-NOTHING = Here()
+NOTHING = Facts()
 
 
-class Explained(NamedTuple):
+class Explanation(NamedTuple):
     """An explanation. `diagnoses` are known causes, the deepest first; `findings` are further remarks."""
 
-    told: Told
+    told: Failure
     hints: Hints
     diagnoses: Tuple[Diagnosis, ...]
     findings: Tuple[Tuple[str, str, str], ...]
@@ -73,8 +73,10 @@ class Explained(NamedTuple):
     @property
     def causes(self) -> Tuple[Diagnosis, ...]:
         """Return the causes that count, the deepest first; none if another process died and nothing says why."""
-        told, echoed = self.told, self.echoed
-        return counting(_fit(hit, says=not echoed and _where(hit, told) is DECISIVE) for hit in self.diagnoses)
+        failure, echoed = self.told, self.echoed
+        return select_counting(
+            _fit(hit, says=not echoed and _where(hit, failure) is DECISIVE) for hit in self.diagnoses
+        )
 
     @property
     def cause(self) -> Optional[Diagnosis]:
@@ -99,7 +101,7 @@ class Explained(NamedTuple):
 
 def _deepest(hits: Sequence[Diagnosis]) -> Optional[Diagnosis]:
     """Return the deepest cause that hides no other; None where none is known."""
-    return next(iter(counting(_fit(hit, says=False) for hit in hits)), None)
+    return next(iter(select_counting(_fit(hit, says=False) for hit in hits)), None)
 
 
 def _fit(hit: Diagnosis, *, says: bool) -> Fit:
@@ -115,45 +117,45 @@ def _diagnosis(hit: Diagnosis, phase: Optional[str]) -> Dict[str, Any]:
     return matching.diagnosis(hit.signature, phase if not phases or phase in phases else phases[0], hit.seen)
 
 
-def explained(text: str, known: Sequence[matching.Known], here: Here = NOTHING) -> Explained:
+def explain_text(text: str, signatures: Sequence[matching.Signature], here: Facts = NOTHING) -> Explanation:
     """Explain a text that may still contain a terminal's control sequences."""
-    told = telling.told(text, surely=here.failed or here.signal is not None)
-    said = hints(told.text)
-    killed = here.signal or told.signal
-    sure, could = _candidates(known, _around(here, said, told), here.python or said.python)
-    if not told.failed and len(told.text.split("\n", QUOTED)) > QUOTED:
+    failure = telling.read_failure(text, surely=here.failed or here.signal is not None)
+    text_hints = hints(failure.text)
+    killed = here.signal or failure.signal
+    sure, could = _candidates(signatures, _around(here, text_hints, failure), here.python or text_hints.python)
+    if not failure.failed and len(failure.text.split("\n", QUOTED)) > QUOTED:
         sure = could = []  # a log of what went well may mention what is known to fail
-    hits, aside = _hits(sure, told, killed)
-    findings: List[Tuple[str, str, str]] = [("besides", NOTE, _besides(hit)) for hit in aside[:SHOWN]]
+    hits, aside = _hits(sure, failure, killed)
+    findings: List[Tuple[str, str, str]] = [("besides", NOTE, _describe_mention(hit)) for hit in aside[:SHOWN]]
     if _deepest(hits) is None:
-        possible = _hits(could, told, killed)[0]
-        named = [hit for hit in possible if _named(hit.signature, told.text)]
+        possible = _hits(could, failure, killed)[0]
+        named = [hit for hit in possible if _mentions_packages(hit.signature, failure.text)]
         if len(named) == 1:
             hits = (*named, *hits)
-            findings.append(("packages", NOTE, _if_there(named[0].signature)))
+            findings.append(("packages", NOTE, _describe_condition(named[0].signature)))
         else:
             findings += [("possible", NOTE, _possible(hit)) for hit in (named or possible)[:SHOWN]]
-    if not told.failed and hits:
-        told = told._replace(failed=True, decisive=hits[0].seen)
-    if TROUBLE.search(told.decisive or "") and _deepest(hits) is None:
+    if not failure.failed and hits:
+        failure = failure._replace(failed=True, decisive=hits[0].seen)
+    if TROUBLE.search(failure.decisive or "") and _deepest(hits) is None:
         findings.append(
             ("machine", WARNING, "this machine or its network is at fault, and no package: mend that first")
         )
-    findings += _others(told, hits)
-    findings += _measured(told, hits, here.measured)
-    return Explained(told, said, hits, tuple(findings))
+    findings += _note_other_failure(failure, hits)
+    findings += _note_measurements(failure, hits, here.measured)
+    return Explanation(failure, text_hints, hits, tuple(findings))
 
 
 # --- which known failures can be meant -------------------------------------------------------------------------
 
 
-def _around(here: Here, said: Hints, told: Told) -> Around:
+def _around(here: Facts, text_hints: Hints, failure: Failure) -> Around:
     """Return the packages that the failure met.
 
     While something is being installed, the packages already there are not the ones that fail.
     """
-    hinted = dict(said.packages)
-    if here.installed is not None and told.phase not in INSTALLING:
+    hinted = dict(text_hints.packages)
+    if here.installed is not None and failure.phase not in INSTALLING:
         return Around(installed=here.installed)
     named = {requirement(text).name for text in here.asked}
     there = {name: version for name, version in (here.installed or {}).items() if name not in named}
@@ -162,37 +164,37 @@ def _around(here: Here, said: Hints, told: Told) -> Around:
 
 
 def _candidates(
-    known: Iterable[matching.Known], around: Around, python: Optional[str]
-) -> Tuple[List[matching.Known], List[matching.Known]]:
+    signatures: Iterable[matching.Signature], around: Around, python: Optional[str]
+) -> Tuple[List[matching.Signature], List[matching.Signature]]:
     """Return two lists of known failures: those that can be meant, and broad ones that perhaps are.
 
     A broad one (generic, or without a pattern) can be meant only if all its packages are known to fit; others if
     none is known not to. Where that is unknown for a broad one, it goes into the second list.
     """
-    sure: List[matching.Known] = []
-    could: List[matching.Known] = []
-    loud = [one for one in known if one.loud and _of_python(one, python)]
-    for one, fits in zip(loud, matching.standing(loud, around)):
-        broad = one.generic or one.pattern is None
+    sure: List[matching.Signature] = []
+    could: List[matching.Signature] = []
+    loud = [one for one in signatures if one.loud and _of_python(one, python)]
+    for signature, fits in zip(loud, matching.check_packages(loud, around)):
+        broad = signature.generic or signature.pattern is None
         if fits or (fits is None and not broad):
-            sure.append(one)
+            sure.append(signature)
         elif fits is None:
-            could.append(one)
+            could.append(signature)
     return sure, could
 
 
-def _of_python(one: matching.Known, python: Optional[str]) -> bool:
+def _of_python(signature: matching.Signature, python: Optional[str]) -> bool:
     """Return whether a failure is one of this Python, of which the text may tell no more than "3.10"."""
-    if not one.python or python is None:
+    if not signature.python or python is None:
         return True
     if python.count(".") > 1:
-        return specifiers(one.python).admits(python)
-    return not unsatisfiable([specifiers(one.python), specifiers("=={}.*".format(python))])
+        return specifiers(signature.python).admits(python)
+    return not unsatisfiable([specifiers(signature.python), specifiers("=={}.*".format(python))])
 
 
-def _named(one: matching.Known, text: str) -> bool:
+def _mentions_packages(signature: matching.Signature, text: str) -> bool:
     """Return whether a text speaks of each package that takes part."""
-    return all(any(_speaks(requirement(each).name, text) for each in part.requirements) for part in one.packages)
+    return all(any(_speaks(requirement(each).name, text) for each in part.requirements) for part in signature.packages)
 
 
 TOOLS = {
@@ -218,64 +220,66 @@ def _speaks(name: str, text: str) -> bool:
     return re.search("(?<![A-Za-z0-9])" + pattern + "(?![A-Za-z0-9])", text, re.IGNORECASE) is not None
 
 
-def _if_there(one: matching.Known) -> str:
-    parts = [" or ".join("`{}`".format(each) for each in part.requirements) for part in one.packages]
+def _describe_condition(signature: matching.Signature) -> str:
+    parts = [" or ".join("`{}`".format(each) for each in part.requirements) for part in signature.packages]
     return "the text does not tell versions: this is the cause if {} {} installed".format(
         " and ".join(parts), "is" if len(parts) == 1 else "are"
     )
 
 
-def _besides(hit: Diagnosis) -> str:
+def _describe_mention(hit: Diagnosis) -> str:
     return "the text says so, too, and nothing shows that it failed by it: {} ({})".format(hit.seen, hit.signature.id)
 
 
 def _possible(hit: Diagnosis) -> str:
-    return "could be {}: {} {}".format(hit.signature.id, hit.signature.plain["cause"], _if_there(hit.signature))
+    return "could be {}: {} {}".format(
+        hit.signature.id, hit.signature.plain["cause"], _describe_condition(hit.signature)
+    )
 
 
 # --- where they are told ---------------------------------------------------------------------------------------
 
 
 def _hits(
-    known: Sequence[matching.Known], told: Told, killed: Optional[str]
+    signatures: Sequence[matching.Signature], failure: Failure, killed: Optional[str]
 ) -> Tuple[Tuple[Diagnosis, ...], Tuple[Diagnosis, ...]]:
     """Return the known failures that the text shows, the deepest cause first, and those that it only mentions.
 
     What is written somewhere in a log, and in no line that says why, is no cause of an exception, nor of a command
     that failed without a word; unless that line is a mask, which hides what was written before.
     """
-    if not told.failed:
-        known = [one for one in known if one.pattern is not None and not one.generic]
-    seen = Evidence(phase=None, told=told.lines, logs=(told.text,), signal=killed)
-    found = sorted(matching.matches(known, seen), key=lambda hit: _rank(hit, told))
-    best = min([_where(hit, told) for hit in found if not hit.signature.masks], default=LOG)
-    wordless = told.failed and not told.marked and killed is None
-    masked = any(hit.signature.masks and _where(hit, told) is DECISIVE for hit in found)
-    most = ELSEWHERE if best is not LOG or wordless or (told.raised and not masked) else LOG
-    mask = ELSEWHERE if told.raised else LOG
-    kept = tuple(hit for hit in found if _where(hit, told) <= (mask if hit.signature.masks else most))
-    return kept, tuple(hit for hit in found if hit not in kept)
+    if not failure.failed:
+        signatures = [one for one in signatures if one.pattern is not None and not one.generic]
+    seen = Evidence(phase=None, told=failure.lines, logs=(failure.text,), signal=killed)
+    hits = sorted(matching.matches(signatures, seen), key=lambda hit: _rank(hit, failure))
+    best = min([_where(hit, failure) for hit in hits if not hit.signature.masks], default=LOG)
+    wordless = failure.failed and not failure.marked and killed is None
+    masked = any(hit.signature.masks and _where(hit, failure) is DECISIVE for hit in hits)
+    most = ELSEWHERE if best is not LOG or wordless or (failure.raised and not masked) else LOG
+    mask = ELSEWHERE if failure.raised else LOG
+    causes = tuple(hit for hit in hits if _where(hit, failure) <= (mask if hit.signature.masks else most))
+    return causes, tuple(hit for hit in hits if hit not in causes)
 
 
-def _rank(hit: Diagnosis, told: Told) -> Tuple[Any, ...]:
+def _rank(hit: Diagnosis, failure: Failure) -> Tuple[Any, ...]:
     """Return the sort key of a hit: causes of the decisive line come before those found elsewhere."""
     phases = hit.signature.phases
-    elsewhere = bool(phases) and told.phase is not None and told.phase not in phases
-    return matching.rank(hit.signature, _where(hit, told), elsewhere)
+    elsewhere = bool(phases) and failure.phase is not None and failure.phase not in phases
+    return matching.rank(hit.signature, _where(hit, failure), elsewhere)
 
 
-def _where(hit: Diagnosis, told: Told) -> int:
+def _where(hit: Diagnosis, failure: Failure) -> int:
     if (
         hit.signature.pattern is None
-        or _in(hit.seen, told.decisive)
-        or (told.raised and hit.seen in _flat(told.region))
+        or _in(hit.seen, failure.decisive)
+        or (failure.raised and hit.seen in _flat(failure.region))
     ):
         return DECISIVE
-    return ELSEWHERE if any(_in(hit.seen, line) for line in told.lines) else LOG
+    return ELSEWHERE if any(_in(hit.seen, line) for line in failure.lines) else LOG
 
 
 def _flat(text: str) -> str:
-    return "\n".join(map(bounded, text.splitlines()))
+    return "\n".join(map(shorten_line, text.splitlines()))
 
 
 def _in(seen: str, line: Optional[str]) -> bool:
@@ -288,12 +292,17 @@ def _in(seen: str, line: Optional[str]) -> bool:
 # --- besides ---------------------------------------------------------------------------------------------------
 
 
-def _others(told: Told, hits: Sequence[Diagnosis]) -> List[Tuple[str, str, str]]:
+def _note_other_failure(failure: Failure, hits: Sequence[Diagnosis]) -> List[Tuple[str, str, str]]:
     """Return a note on the decisive line if the known cause does not explain it."""
     cause = _deepest(hits)
-    if cause is None or not told.decisive or _where(cause, told) is DECISIVE or _mask_tells(told.decisive, hits):
+    if (
+        cause is None
+        or not failure.decisive
+        or _where(cause, failure) is DECISIVE
+        or _mask_tells(failure.decisive, hits)
+    ):
         return []
-    text = "the last that failed is another line, a consequence or a failure of its own: {}".format(told.decisive)
+    text = "the last that failed is another line, a consequence or a failure of its own: {}".format(failure.decisive)
     return [("also", NOTE, text)]
 
 
@@ -301,8 +310,8 @@ def _mask_tells(line: str, hits: Sequence[Diagnosis]) -> bool:
     return any(hit.signature.masks and _in(hit.seen, line) for hit in hits)
 
 
-def _measured(
-    told: Told, hits: Sequence[Diagnosis], measured: Optional[Mapping[str, Any]]
+def _note_measurements(
+    failure: Failure, hits: Sequence[Diagnosis], measured: Optional[Mapping[str, Any]]
 ) -> List[Tuple[str, str, str]]:
     """Return a note on measured cells with the same cause, or if none is known with the same decisive line."""
     cells = (measured or {}).get("cells", ())
@@ -310,13 +319,13 @@ def _measured(
     if cause is not None:
         same = [cell for cell in cells if cause.signature.id in cell.get("causes", ())]
     else:
-        shape = _shape(told.decisive)
+        shape = _shape(failure.decisive)
         same = [cell for cell in cells if shape and _shape(cell.get("decisive")) == shape]
     if not same:
         return []
     named = ["{} ({})".format(cell["id"], " ".join(cell.get("requirements", ())[:4])) for cell in same[:SHOWN]]
     more = " and {} more".format(len(same) - SHOWN) if len(same) > SHOWN else ""
-    return [("measured", NOTE, bounded("measured here, too: " + "; ".join(named) + more))]
+    return [("measured", NOTE, shorten_line("measured here, too: " + "; ".join(named) + more))]
 
 
 def _shape(line: Optional[str]) -> str:

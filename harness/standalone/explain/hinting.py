@@ -25,7 +25,7 @@ IN_FILE = re.compile(
     r"\b([A-Za-z0-9_.]+)-(\d[A-Za-z0-9.!+]*)(?:-(?:cp|py)\d\S*\.whl|\.tar\.gz|\.dist-info|-py3\.\d+\.egg)"
 )
 KEYS = "gym|gymnasium|numpy|mujoco|torch|jax|jaxlib|scipy|pybullet|robosuite|dm[_-]control"
-SAID = re.compile(r"\b({})(?:'s)? version:? v?{}".format(KEYS, VERSION), re.IGNORECASE)
+KEY_VERSION = re.compile(r"\b({})(?:'s)? version:? v?{}".format(KEYS, VERSION), re.IGNORECASE)
 
 
 class Hints(NamedTuple):
@@ -43,31 +43,31 @@ def hints(text: str) -> Hints:
 def _python(text: str) -> Optional[str]:
     """Return the Python of the paths in a text, else of its words, else of file names; None if several are found."""
     for pattern in (IN_PATH, IN_WORDS, IN_TAG):
-        found = {"{}.{}".format(*match) for match in pattern.findall(text)}
-        if found:
-            return found.pop() if len(found) == 1 else None
+        versions = {"{}.{}".format(*match) for match in pattern.findall(text)}
+        if versions:
+            return versions.pop() if len(versions) == 1 else None
     return None
 
 
 def _packages(text: str) -> Dict[str, str]:
     """Return versions by package: those that the text installs, else those already there, else those only named."""
-    made: Dict[str, str] = {}
+    packages: Dict[str, str] = {}
     for source in (_installed, _there, _mentioned):
-        told: Dict[str, List[str]] = {}
+        candidates: Dict[str, List[str]] = {}
         for name, version in source(text):
             if is_version(version):
-                told.setdefault(canonical(name), []).append(version)
-        for name, versions in told.items():
-            if name not in made and (len(set(versions)) == 1 or source is _installed):
-                made[name] = versions[-1]
-            made.setdefault(name, "")
-    return {name: version for name, version in made.items() if version and name != "python"}
+                candidates.setdefault(canonical(name), []).append(version)
+        for name, versions in candidates.items():
+            if name not in packages and (len(set(versions)) == 1 or source is _installed):
+                packages[name] = versions[-1]
+            packages.setdefault(name, "")
+    return {name: version for name, version in packages.items() if version and name != "python"}
 
 
 def _installed(text: str) -> Iterator[Tuple[str, str]]:
     for line in INSTALLED.findall(text):
-        for one in line.split():
-            name, _, version = one.rpartition("-")
+        for item in line.split():
+            name, _, version = item.rpartition("-")
             yield name, version
     yield from ADDED.findall(text)
 
@@ -78,5 +78,5 @@ def _there(text: str) -> Iterator[Tuple[str, str]]:
 
 
 def _mentioned(text: str) -> Iterator[Tuple[str, str]]:
-    for pattern in (NAMED, IN_FILE, SAID):
+    for pattern in (NAMED, IN_FILE, KEY_VERSION):
         yield from pattern.findall(text)

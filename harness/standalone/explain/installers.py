@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import List, Optional, Sequence
 
-from ..lines import bounded, decisive_line
+from ..lines import decisive_line, shorten_line
 
 CONFLICT = re.compile(r"^ERROR: Cannot install (.+) because these package versions have conflicting dependencies")
 NOT_FOUND = re.compile(
@@ -27,8 +27,8 @@ POETRY = re.compile(r"version solving failed")
 def installer(lines: Sequence[str]) -> Optional[str]:
     """Return the reason why a resolver or installer gave up, in one line; None if there is none."""
     rules = (_pip_conflict, _conda, _poetry, _pip_not_found, _uv, _uv_causes, _not_fitting)
-    found = (rule(lines) for rule in rules)
-    return next((bounded(line) for line in found if line), None)
+    reasons = (rule(lines) for rule in rules)
+    return next((shorten_line(line) for line in reasons if line), None)
 
 
 def _pip_conflict(lines: Sequence[str]) -> Optional[str]:
@@ -37,22 +37,26 @@ def _pip_conflict(lines: Sequence[str]) -> Optional[str]:
     if place is None:
         return None
     cause = next((n for n in range(place, len(lines)) if lines[n].startswith("The conflict is caused by:")), None)
-    told = [] if cause is None else _paragraph(lines[cause + 1 :])
-    return "{} conflict: {}".format(_found(CONFLICT, lines[place]), "; ".join(told)) if told else lines[place]
+    details = [] if cause is None else _paragraph(lines[cause + 1 :])
+    return (
+        "{} conflict: {}".format(_extract_group(CONFLICT, lines[place]), "; ".join(details))
+        if details
+        else lines[place]
+    )
 
 
-def _found(pattern: re.Pattern[str], line: str) -> str:
+def _extract_group(pattern: re.Pattern[str], line: str) -> str:
     match = pattern.match(line)
     return match.group(1) if match else line
 
 
 def _pip_not_found(lines: Sequence[str]) -> Optional[str]:
-    found = (_found(NOT_FOUND, line) for line in lines if NOT_FOUND.match(line))
-    return next((line for line in lines if OTHER_PYTHON.match(line)), next(found, None))
+    messages = (_extract_group(NOT_FOUND, line) for line in lines if NOT_FOUND.match(line))
+    return next((line for line in lines if OTHER_PYTHON.match(line)), next(messages, None))
 
 
 def _not_fitting(lines: Sequence[str]) -> Optional[str]:
-    return next((_found(NOT_FITTING, line) for line in lines if NOT_FITTING.match(line)), None)
+    return next((_extract_group(NOT_FITTING, line) for line in lines if NOT_FITTING.match(line)), None)
 
 
 def _conda(lines: Sequence[str]) -> Optional[str]:
@@ -61,8 +65,8 @@ def _conda(lines: Sequence[str]) -> Optional[str]:
         return None
     rest = [line for line in lines[place + 1 :] if not line.startswith(("Could not solve", "The following packages"))]
     start = next((n for n, line in enumerate(rest) if line.strip()), len(rest))
-    told = _paragraph(rest[start:])
-    return "{} {}".format(lines[place].strip(), "; ".join(one.lstrip("- ") for one in told)).strip()
+    details = _paragraph(rest[start:])
+    return "{} {}".format(lines[place].strip(), "; ".join(one.lstrip("- ") for one in details)).strip()
 
 
 def _poetry(lines: Sequence[str]) -> Optional[str]:

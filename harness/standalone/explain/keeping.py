@@ -25,7 +25,7 @@ MARKS = (
 NUMBERS = re.compile(rb"0x[0-9a-fA-F]+|\d+")
 
 
-class Kept(NamedTuple):
+class Excerpt(NamedTuple):
     """A shortened text, the size of the whole in bytes, and the number of bytes left out."""
 
     text: str
@@ -85,14 +85,14 @@ class Keeper:
             self._middle.append(block)
             self._kept += len(block)
 
-    def kept(self) -> Kept:
+    def kept(self) -> Excerpt:
         """Return all that is kept, as text. No piece may be taken afterwards."""
         self._close()
         cut = self.size > len(self._head) + len(self._tail)
         middle = b"\n\n".join([b"", *self._middle, b""]) if cut else b""
         whole = bytes(self._head) + middle + bytes(self._tail)
         missing = self.size - len(self._head) - len(self._tail) - self._kept
-        return Kept(decoded(whole), self.size, max(0, missing))
+        return Excerpt(decode(whole), self.size, max(0, missing))
 
 
 def _leads_on(line: Sequence[bytes]) -> bool:
@@ -100,7 +100,7 @@ def _leads_on(line: Sequence[bytes]) -> bool:
     return any(one.startswith((b"The above exception", b"During handling")) for one in line)
 
 
-def kept(read: Callable[[int], bytes]) -> Kept:
+def read_excerpt(read: Callable[[int], bytes]) -> Excerpt:
     """Read a stream to its end and return the parts to keep."""
     keeper = Keeper()
     while True:
@@ -110,7 +110,7 @@ def kept(read: Callable[[int], bytes]) -> Kept:
         keeper.take(piece)
 
 
-def decoded(content: bytes) -> str:
+def decode(content: bytes) -> str:
     """Decode bytes that are UTF-8, UTF-16 as PowerShell writes it, or damaged."""
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         return content.decode("utf-16", "replace").replace("\x00", "")

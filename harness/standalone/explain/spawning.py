@@ -23,7 +23,7 @@ NOT_FOUND, NOT_RUN = 127, 126
 """What a shell returns for a command that is not there, or cannot be run."""
 
 
-class Ended(NamedTuple):
+class CommandExit(NamedTuple):
     """The end of a command: `code` as a shell has it, 128+N for signal N. `trouble` says why it was not started."""
 
     code: int
@@ -84,7 +84,7 @@ class _Stream:
         return True
 
 
-def run(argv: Sequence[str], log: BinaryIO, *, apart: bool = False) -> Ended:
+def run(argv: Sequence[str], log: BinaryIO, *, apart: bool = False) -> CommandExit:
     """Run a command to its end. `log` is a file that keeps what it writes, both streams in order.
 
     `apart` sends all that it writes to the caller's stderr, since stdout is for something else.
@@ -95,7 +95,7 @@ def run(argv: Sequence[str], log: BinaryIO, *, apart: bool = False) -> Ended:
             process = subprocess.Popen(list(argv), stdout=streams[0].given, stderr=streams[-1].given)
         except OSError as error:
             code = NOT_FOUND if isinstance(error, FileNotFoundError) else NOT_RUN
-            return Ended(code, trouble="{}: cannot be run: {}".format(argv[0], error.strerror))
+            return CommandExit(code, trouble="{}: cannot be run: {}".format(argv[0], error.strerror))
         finally:
             for stream in streams:
                 os.close(stream.given)
@@ -104,8 +104,8 @@ def run(argv: Sequence[str], log: BinaryIO, *, apart: bool = False) -> Ended:
             _go_on(streams, log)
         code = process.wait()
     if code < 0:
-        return Ended(128 - code, _name(-code))
-    return Ended(code)
+        return CommandExit(128 - code, _name(-code))
+    return CommandExit(code)
 
 
 def _streams(*, apart: bool) -> List[_Stream]:
@@ -115,10 +115,10 @@ def _streams(*, apart: bool) -> List[_Stream]:
     return [first] if _same(out, err) else [first, _Stream(err)]
 
 
-def _same(one: int, other: int) -> bool:
-    if one == other:
+def _same(descriptor: int, other: int) -> bool:
+    if descriptor == other:
         return True
-    here, there = os.fstat(one), os.fstat(other)
+    here, there = os.fstat(descriptor), os.fstat(other)
     return (here.st_dev, here.st_ino) == (there.st_dev, there.st_ino)
 
 
@@ -164,12 +164,12 @@ def _go_on(streams: Sequence[_Stream], log: BinaryIO) -> None:
     if os.fork():
         return
     try:
-        _left(streams, log)
+        _copy_rest(streams, log)
     finally:
         os._exit(0)
 
 
-def _left(streams: Sequence[_Stream], log: BinaryIO) -> None:
+def _copy_rest(streams: Sequence[_Stream], log: BinaryIO) -> None:
     with selectors.DefaultSelector() as waiting:
         for stream in streams:
             try:

@@ -9,7 +9,7 @@ import re
 from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from .. import lines as said
-from ..lines import EXCEPTION, FRAME, MASKS, bounded, strip_ansi
+from ..lines import EXCEPTION, FRAME, MASKS, shorten_line, strip_ansi
 from .installers import installer
 
 START = "Traceback (most recent call last):"
@@ -29,7 +29,7 @@ PREFIXES = 20
 """Different ones that are looked at."""
 
 
-class Told(NamedTuple):
+class Failure(NamedTuple):
     """A failure as its text tells it: `lines` say why, the decisive one first; `phase` is where it may have failed.
 
     `failed` is whether there is a failure at all, `marked` whether the text itself says so, `raised` whether the
@@ -49,9 +49,9 @@ class Told(NamedTuple):
     last: str
 
 
-def told(text: str, *, surely: bool = False) -> Told:
+def read_failure(text: str, *, surely: bool = False) -> Failure:
     """Read a text and return its failure; `surely` means that something is known to have failed."""
-    text = uniform(strip_ansi(text))
+    text = unify_tracebacks(strip_ansi(text))
     lines = _without_ignored(text.splitlines())
     text, whole = "\n".join(lines), text
     picked = list(_tracebacks(lines))
@@ -63,7 +63,7 @@ def told(text: str, *, surely: bool = False) -> Told:
     first = decisive if failed else None
     every = [line for line in [first, *reversed(picked), *_complaints(lines)] if line]
     region = _region(lines, first) if first in picked else ""
-    return Told(
+    return Failure(
         decisive=first,
         lines=tuple(dict.fromkeys(every)),
         phase=_phase(text, gave_up, region),
@@ -73,14 +73,14 @@ def told(text: str, *, surely: bool = False) -> Told:
         raised=first in picked and first is not None and first.partition(":")[0].rpartition(".")[2] not in MASKS,
         region=region,
         text=whole,
-        last=next((bounded(line) for line in reversed(lines) if line.strip()), ""),
+        last=next((shorten_line(line) for line in reversed(lines) if line.strip()), ""),
     )
 
 
 def _region(lines: Sequence[str], decisive: Optional[str]) -> str:
     """Return the traceback that ends with the decisive line; empty if there is none."""
     begin = (decisive or "").partition(" / ")[0][:80]
-    ends = [place for place, line in enumerate(lines) if bounded(line).startswith(begin)]
+    ends = [place for place, line in enumerate(lines) if shorten_line(line).startswith(begin)]
     if not ends:
         return ""
     starts = [place for place in range(ends[-1]) if START in lines[place]]
@@ -90,14 +90,14 @@ def _region(lines: Sequence[str], decisive: Optional[str]) -> str:
 # --- one form of tracebacks ------------------------------------------------------------------------------------
 
 
-def uniform(text: str) -> str:
+def unify_tracebacks(text: str) -> str:
     """Return the text with its tracebacks as Python itself prints them, and a blank line after each."""
     lines = _without_prefixes(text.splitlines())
     lines = _notebooks(lines) if any(NOTEBOOK.match(line) for line in lines) else lines
-    return PYTEST.sub("", "\n".join(_apart(lines)))
+    return PYTEST.sub("", "\n".join(_separate_output(lines)))
 
 
-def _apart(lines: Sequence[str]) -> Iterator[str]:
+def _separate_output(lines: Sequence[str]) -> Iterator[str]:
     """Yield the lines, with a blank one between an exception and a tool's output: that is no part of the message."""
     traceback = False
     for line in lines:
@@ -110,22 +110,24 @@ def _apart(lines: Sequence[str]) -> Iterator[str]:
 
 def _without_ignored(lines: Sequence[str]) -> List[str]:
     """Return the lines without exceptions that Python ignored: they stopped nothing."""
-    made: List[str] = []
+    remaining_lines: List[str] = []
     ignored = False
     for line in lines:
         if line.startswith("Exception ignored"):
             ignored = True
         elif ignored and not (line.startswith((" ", "Traceback")) or EXCEPTION.match(line)):
             ignored = False
-        made += [] if ignored else [line]
+        remaining_lines += [] if ignored else [line]
         ignored = ignored and not (EXCEPTION.match(line) and not line.startswith(("Exception ignored", "Traceback")))
-    return made
+    return remaining_lines
 
 
 def _without_prefixes(lines: Sequence[str]) -> List[str]:
     """Remove the prefixes that a launcher of workers, a service or a log puts before lines: `[rank0]: `, `(pid=1) `."""
-    found = (PREFIXED.match(line) for line in lines if START in line)
-    shapes = dict.fromkeys(_shape(match.group(1)) for match in found if match and not NO_PREFIX.search(match.group(1)))
+    matches = (PREFIXED.match(line) for line in lines if START in line)
+    shapes = dict.fromkeys(
+        _shape(match.group(1)) for match in matches if match and not NO_PREFIX.search(match.group(1))
+    )
     if not shapes:
         return list(lines)
     prefix = re.compile("|".join("(?:{})".format(shape) for shape in list(shapes)[:PREFIXES]))
@@ -141,21 +143,21 @@ def _shape(prefix: str) -> str:
 
 def _notebooks(lines: Sequence[str]) -> List[str]:
     """Rewrite a notebook's tracebacks as Python's own: a header, and indented frames below it."""
-    made: List[str] = []
+    new_lines: List[str] = []
     kind: Optional[str] = None
     for line in lines:
         header = NOTEBOOK.match(line)
         if header:
             kind = header.group(1)
-            made.append(START)
+            new_lines.append(START)
         elif kind is None:
-            made += [] if RULE.match(line) else [line]
+            new_lines += [] if RULE.match(line) else [line]
         elif line.startswith((kind + ":", kind.rpartition(".")[2] + ":")) or line.strip() == kind:
             kind = None
-            made.append(line)
+            new_lines.append(line)
         elif line.strip():
-            made.append("  " + line)
-    return made
+            new_lines.append("  " + line)
+    return new_lines
 
 
 # --- the lines that say why ------------------------------------------------------------------------------------
@@ -167,8 +169,8 @@ def _tracebacks(lines: Sequence[str]) -> Iterator[str]:
     The caller reverses this order.
     """
     picks = [said.root(chain) for chain in said.chains(lines)]
-    yield from (bounded(block.text) for block in picks if block.kind in MASKS)
-    yield from (bounded(block.text) for block in picks if block.kind not in MASKS)
+    yield from (shorten_line(block.text) for block in picks if block.kind in MASKS)
+    yield from (shorten_line(block.text) for block in picks if block.kind not in MASKS)
 
 
 MARKS = (
@@ -201,8 +203,8 @@ def _marked(text: str) -> bool:
 
 def _complaints(lines: Sequence[str]) -> Iterator[str]:
     """Yield the lines that call themselves errors, the last ones first."""
-    found = [line for line in lines if said.ERROR.match(line) or re.match(r"^\[(?:Error|Fatal)\] \[", line)]
-    yield from (bounded(line) for line in reversed(found[-40:]))
+    complaints = [line for line in lines if said.ERROR.match(line) or re.match(r"^\[(?:Error|Fatal)\] \[", line)]
+    yield from (shorten_line(line) for line in reversed(complaints[-40:]))
 
 
 def _decisive(text: str, lines: Sequence[str], gave_up: Optional[str], picked: Sequence[str]) -> Optional[str]:
@@ -290,7 +292,7 @@ KILLED = (
 def _signal(text: str) -> Optional[str]:
     """Return the name of the signal that killed a process, if the text says so; else None."""
     for pattern, name in KILLED:
-        found = pattern.search(text)
-        if found:
-            return name or next(one for one in found.groups() if one)
+        match = pattern.search(text)
+        if match:
+            return name or next(one for one in match.groups() if one)
     return None

@@ -25,7 +25,7 @@ TOGETHER = ("fake-import-error", "fake-undeclared")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Ran:
+class CommandResult:
     """Exit code, stdout and stderr of a command."""
 
     code: int
@@ -81,11 +81,11 @@ class Desk:
         path.write_text(text, encoding="utf-8")
         return path
 
-    def run(self, *arguments: str | Path, module: str = "harness", **variables: str) -> Ran:
+    def run(self, *arguments: str | Path, module: str = "harness", **variables: str) -> CommandResult:
         """Run one command of the harness, or of another module, to its end."""
         with self.started(*arguments, module=module, **variables) as process:
             out, err = process.communicate(timeout=LONGEST)
-        return Ran(code=process.returncode, out=out, err=err)
+        return CommandResult(code=process.returncode, out=out, err=err)
 
     @contextmanager
     def started(
@@ -109,7 +109,7 @@ class Desk:
     def _environment(self, variables: Mapping[str, str]) -> dict[str, str]:
         """Return the variables of the tests without those that would point the harness elsewhere."""
         foreign = ("UV_", "PIP_", "HARNESS_", "VIRTUAL_ENV", "CONDA_PREFIX")
-        kept = {name: value for name, value in os.environ.items() if not name.startswith(foreign)}
+        base_variables = {name: value for name, value in os.environ.items() if not name.startswith(foreign)}
         own = {
             "HARNESS_CACHE": str(self.cache),
             "XDG_CONFIG_HOME": str(self.folder / "config"),
@@ -117,24 +117,24 @@ class Desk:
             "COLUMNS": "200",
             "HARNESS_CONTROLS": "",  # real packages, which no closed network brings
         }
-        return kept | own | variables
+        return base_variables | own | variables
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Measured:
+class DeskRun:
     """A command that has ended, and the desk that holds its results."""
 
     desk: Desk
-    ran: Ran
+    ran: CommandResult
 
 
 @functools.cache
 def runtime_fakes() -> list[str]:
     """Return the fakes that fail at run time: tests that ask for all of them share one installed environment."""
-    known = [tomllib.loads(path.read_text(encoding="utf-8")) for path in sorted(FAKES.glob("*/fake.toml"))]
+    fakes = [tomllib.loads(path.read_text(encoding="utf-8")) for path in sorted(FAKES.glob("*/fake.toml"))]
     return [
         about["name"]
-        for about in known
+        for about in fakes
         if about["name"] in TOGETHER or {"gymnasium", "fake-healthy"} & {*about.get("requires", ())}
     ]
 
@@ -159,23 +159,23 @@ def wait_for(happened: Callable[[], bool]) -> None:
         time.sleep(0.05)
 
 
-def below(pid: int) -> list[int]:
+def find_descendants(pid: int) -> list[int]:
     """Return the ids of all child processes of a process, and of their children."""
-    found = []
+    pids = []
     for file in Path(f"/proc/{pid}/task").glob("*/children"):
         for child in map(int, file.read_text().split()):
-            found += [child, *below(child)]
-    return found
+            pids += [child, *find_descendants(child)]
+    return pids
 
 
 def processes_of(mark: str) -> list[int]:
     """Return the ids of processes with this text in their variables or in their command line."""
-    found = []
+    pids = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
-            told = (folder / "environ").read_bytes() + (folder / "cmdline").read_bytes()
+            content = (folder / "environ").read_bytes() + (folder / "cmdline").read_bytes()
         except OSError:  # it has ended, or is somebody else's
             continue
-        if mark.encode() in told:
-            found.append(int(folder.name))
-    return found
+        if mark.encode() in content:
+            pids.append(int(folder.name))
+    return pids

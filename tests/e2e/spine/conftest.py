@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import shelf
 import wheelhouse as fakes
-from commandline import SMALL, Desk, Measured, Ran
+from commandline import SMALL, CommandResult, Desk, DeskRun
 from filelock import FileLock
 
 
@@ -41,9 +41,9 @@ def wheels(together: Path, pytestconfig: pytest.Config) -> Path:
     return folder
 
 
-def _downloaded(kept: Path, together: Path) -> Iterable[Path]:
+def _downloaded(storage: Path, together: Path) -> Iterable[Path]:
     try:
-        return shelf.downloaded(kept, together / "downloads")
+        return shelf.download_wheels(storage, together / "downloads")
     except shelf.NoIndex:
         pytest.skip("unavailable: package index")
 
@@ -55,29 +55,29 @@ def desk(together: Path, wheels: Path, tmp_path: Path) -> Desk:
 
 
 @pytest.fixture(scope="session")
-def once(together: Path, wheels: Path) -> Callable[[str, Callable[[Desk], Ran]], Measured]:
+def once(together: Path, wheels: Path) -> Callable[[str, Callable[[Desk], CommandResult]], DeskRun]:
     """Return a function that runs something once for all workers of the session; the others read its result."""
 
-    def once(name: str, measure: Callable[[Desk], Ran]) -> Measured:
+    def once(name: str, measure: Callable[[Desk], CommandResult]) -> DeskRun:
         desk = Desk(folder=together / name, cache=together / "cache", wheels=wheels)
-        kept = together / f"{name}.json"
+        path = together / f"{name}.json"
         with FileLock(together / f"{name}.lock"):
-            if not kept.exists():
+            if not path.exists():
                 desk.folder.mkdir()
-                kept.write_text(json.dumps(asdict(measure(desk))), encoding="utf-8")
-        return Measured(desk=desk, ran=Ran(**json.loads(kept.read_text(encoding="utf-8"))))
+                path.write_text(json.dumps(asdict(measure(desk))), encoding="utf-8")
+        return DeskRun(desk=desk, ran=CommandResult(**json.loads(path.read_text(encoding="utf-8"))))
 
     return once
 
 
 @pytest.fixture(scope="session")
-def small(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
+def small(once: Callable[[str, Callable[[Desk], CommandResult]], DeskRun]) -> DeskRun:
     """Return a run of the small matrix, which has a cell that works and one that is red."""
     return once("small", lambda desk: desk.run("run", desk.matrix("small", SMALL.read_text()), "--json"))
 
 
 @pytest.fixture
-def kept(desk: Desk, small: Measured) -> Desk:
+def desk_with_results(desk: Desk, small: DeskRun) -> Desk:
     """Return a working folder in which the small matrix was run before."""
     shutil.copytree(small.desk.state, desk.state)
     desk.matrix("small", SMALL.read_text())
@@ -85,20 +85,20 @@ def kept(desk: Desk, small: Measured) -> Desk:
 
 
 @pytest.fixture(scope="session")
-def defects(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
+def defects(once: Callable[[str, Callable[[Desk], CommandResult]], DeskRun]) -> DeskRun:
     """Return a run of every defect that shows at run time."""
     text = (Path(__file__).parent / "defects.toml").read_text(encoding="utf-8")
     return once("defects", lambda desk: desk.run("run", desk.matrix("defects", text), "--json", "-j", "2"))
 
 
 @pytest.fixture(scope="session")
-def verdicts(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
+def verdicts(once: Callable[[str, Callable[[Desk], CommandResult]], DeskRun]) -> DeskRun:
     """Return a run of the verdicts that no run-time defect leads to.
 
     Each failure is confirmed by `--verify`; the cell `left-out` is not run.
     """
 
-    def measure(desk: Desk) -> Ran:
+    def measure(desk: Desk) -> CommandResult:
         matrices = [
             desk.matrix(path.stem, path.read_text(encoding="utf-8"))
             for path in sorted(Path(__file__).parent.glob("verdict-*.toml"))

@@ -15,7 +15,7 @@ PLACES: dict[str, tuple[Any, str]] = {
     "install": (runner.Runner, "_installed"),
     "measure": (case_run, "run_case"),
     "store": (runner.Runner, "keep"),
-    "control": (control.Controlled, "due"),
+    "control": (control.ControlledRunner, "due"),
 }
 
 

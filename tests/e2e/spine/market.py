@@ -49,21 +49,21 @@ def robot(name: str, needs: str, requires: Sequence[str] = (), version: str = "1
     return Release(name=name, version=version, day=day, code=code, requires=("fake-healthy", *requires))
 
 
-def opened(folder: Path, place: Path, wheels: Path, releases: Sequence[Release]) -> None:
+def write_index(folder: Path, place: Path, wheels: Path, releases: Sequence[Release]) -> None:
     """Write an index of these releases and wheels below a folder that will be moved to `place`."""
     shelf = folder / "files"
     shelf.mkdir(parents=True)
     days: dict[Path, str] = {}
     for path in wheels.glob("*.whl"):
         days[Path(shutil.copy(path, shelf))] = LONG_AGO
-    for one in releases:
-        about = {"name": one.name, "requires": list(one.requires), **one.about}
-        files = {f"{one.name.replace('-', '_')}.py": one.code}
-        if one.hooks is None:
-            made = fakes.wheel(shelf, one.version, files, about)
+    for release in releases:
+        about = {"name": release.name, "requires": list(release.requires), **release.about}
+        files = {f"{release.name.replace('-', '_')}.py": release.code}
+        if release.hooks is None:
+            archive = fakes.wheel(shelf, release.version, files, about)
         else:
-            made = fakes.sdist(shelf, one.version, files, {**about, "hooks": one.hooks})
-        days[made] = one.day
+            archive = fakes.sdist(shelf, release.version, files, {**about, "hooks": release.hooks})
+        days[archive] = release.day
     _pages(folder, place, days)
 
 

@@ -153,9 +153,9 @@ class GitHub:
                 assert given["overwrite"] == "True"
                 shutil.copytree(place / given["path"], self.artifacts / given["name"], dirs_exist_ok=True)
             case "download-artifact":
-                found = [one for one in self.artifacts.iterdir() if fnmatch(one.name, given["pattern"])]
-                for artifact in found:  # a single one gets no folder of its own
-                    target = place / given["path"] / (artifact.name if len(found) > 1 else "")
+                matches = [one for one in self.artifacts.iterdir() if fnmatch(one.name, given["pattern"])]
+                for artifact in matches:  # a single one gets no folder of its own
+                    target = place / given["path"] / (artifact.name if len(matches) > 1 else "")
                     shutil.copytree(artifact, target, dirs_exist_ok=True)
             case _:
                 assert name in {"setup-python", "cache"}
@@ -167,10 +167,10 @@ class GitHub:
             for name, jobs in self.jobs.items()
             for key, value in jobs[0].outputs.items()
         }
-        known = {"runner.os": "Linux", "runner.arch": "X64", **context, **outputs}
-        known |= {f"fromJSON({name})": value for name, value in known.items()}
-        known |= dict.fromkeys(re.findall(r"hashFiles\([^)]*\)", text), "hash")
-        return re.sub(r"\$\{\{ (.*?) \}\}", lambda found: known[found[1]], text)
+        replacements = {"runner.os": "Linux", "runner.arch": "X64", **context, **outputs}
+        replacements |= {f"fromJSON({name})": value for name, value in replacements.items()}
+        replacements |= dict.fromkeys(re.findall(r"hashFiles\([^)]*\)", text), "hash")
+        return re.sub(r"\$\{\{ (.*?) \}\}", lambda match: replacements[match[1]], text)
 
 
 def read_workflow(text: str) -> dict[Any, Any]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import market
 import msgspec
 import pytest
-from commandline import Desk, Ran
+from commandline import CommandResult, Desk
 from filelock import FileLock
 from market import LONG_AGO, ROBOT, Release, line, robot
 
@@ -99,7 +99,7 @@ def index(together: Path, wheels: Path, host: interpreters.Interpreter) -> str:
     with FileLock(together / "bisect-index.lock"):
         if not folder.exists():
             making = together / "making-bisect-index"
-            market.opened(making, folder, wheels, [*RELEASES, new])
+            market.write_index(making, folder, wheels, [*RELEASES, new])
             making.rename(folder)
     return (folder / "simple").as_uri()
 
@@ -127,7 +127,7 @@ def written(desk: Desk, index: str) -> Path:
     return desk.matrix("market", MATRIX.format(index=index, cells="\n".join(lines)))
 
 
-def bisected(desk: Desk, index: str, which: str, *options: str) -> tuple[Ran, BisectDocument]:
+def bisected(desk: Desk, index: str, which: str, *options: str) -> tuple[CommandResult, BisectDocument]:
     """Run one bisection of the cell of a robot, and return it with its certificate."""
     ran = desk.run("bisect", f"{written(desk, index)}/*-{which}", *options, "--json", HARNESS_SIGNATURES="")
     assert ran.out, ran.err

@@ -8,7 +8,7 @@ import tarfile
 from pathlib import Path
 
 import pytest
-from commandline import Desk, Ran
+from commandline import CommandResult, Desk
 
 MATRIX = """
 requirements = ["fake-healthy"]
@@ -146,11 +146,11 @@ def test_a_wrong_page_is_bad_input(desk: Desk, matrix: Path, template: str, mess
     assert (ran.code, ran.err.splitlines()[-1]) == (2, f"simmatrix: {message}")
 
 
-def _run(desk: Desk, matrix: Path, study: Path) -> Ran:
+def _run(desk: Desk, matrix: Path, study: Path) -> CommandResult:
     return desk.run("run", matrix, "--json", STUDY=str(study))
 
 
-def _cells(ran: Ran) -> list[dict[str, object]]:
+def _cells(ran: CommandResult) -> list[dict[str, object]]:
     return list(json.loads(ran.out)["cells"])
 
 

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from commandline import Desk, Ran
+from commandline import CommandResult, Desk
 
 import harness
 from harness.probes.vault import Vault
 
 PACKAGE = Path(harness.__file__).parent
-Changed = Callable[..., Ran]
+Changed = Callable[..., CommandResult]
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def changed(kept: Desk) -> Changed:
     shutil.copytree(PACKAGE, copy / "harness", ignore=shutil.ignore_patterns("__pycache__", "matrices"))
     (copy / "matrices").symlink_to(PACKAGE.parent / "matrices")
 
-    def run(file: str, old: str, new: str) -> Ran:
+    def run(file: str, old: str, new: str) -> CommandResult:
         path = copy / "harness" / file
         text = path.read_text()
         assert old in text
@@ -46,7 +46,7 @@ def asked(desk: Desk) -> list[tuple[str, ...]]:
     return sorted(tuple(vault.reading(name).run.request.limits) for name in names)
 
 
-def said(ran: Ran) -> dict[str, Any]:
+def said(ran: CommandResult) -> dict[str, Any]:
     """Return the verdict, the decisive line and whether results were reused, for each cell."""
     return {name: (cell["verdict"], cell["decisive"], cell["reused"]) for name, cell in ran.cells("which").items()}
 

@@ -8,7 +8,7 @@ import shutil
 from typing import Any
 
 import pytest
-from commandline import SMALL, Desk, Ran
+from commandline import SMALL, CommandResult, Desk
 from packaging.utils import parse_wheel_filename
 
 FRAME = "ContractViolation: blank frame: every pixel is [0, 0, 0]"
@@ -36,7 +36,7 @@ def control(desk: Desk, fake: str, env: str, *, python: str = "host") -> dict[st
     return {"HARNESS_CONTROLS": str(folder), "PIP_FIND_LINKS": str(desk.wheels), "PIP_NO_INDEX": "1"}
 
 
-def small(desk: Desk, variables: dict[str, str], *options: str) -> tuple[Ran, dict[str, dict[str, Any]]]:
+def small(desk: Desk, variables: dict[str, str], *options: str) -> tuple[CommandResult, dict[str, dict[str, Any]]]:
     """Run the small matrix; returns its cells by name."""
     ran = desk.run("run", "small.toml", "--json", *options, **variables)
     return ran, ran.cells("which")

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from commandline import Measured, processes_of
+from commandline import DeskRun, processes_of
 
 SEGFAULT = r"killed by SIGSEGV \(Fatal Python error: Segmentation fault\) in string_at, ctypes/__init__\.py line \d+"
 OTHERS = ("import.modules", "single.loop", "vector.sync", "render.rgb_array")
@@ -169,20 +169,20 @@ FOUND = {
 """Defect to the checks that found something, with a pattern for every text."""
 
 
-def test_every_defect_is_looked_at(defects: Measured) -> None:
+def test_every_defect_is_looked_at(defects: DeskRun) -> None:
     """The tables above and the matrix name the same defects, so that none is measured and not looked at."""
     assert sorted(defects.ran.cells("defect")) == sorted({*WORKING, *RED, *MISLEADING})
 
 
 @pytest.mark.parametrize("defect", WORKING)
-def test_what_stops_no_loop_works(defects: Measured, defect: str) -> None:
+def test_what_stops_no_loop_works(defects: DeskRun, defect: str) -> None:
     """A defect that a user's loop does not meet leaves the verdict alone."""
     cell = defects.ran.cells("defect")[defect]
     assert (cell["verdict"], cell["decisive"], cell["unverified"]) == ("works", None, [])
 
 
 @pytest.mark.parametrize("defect", RED)
-def test_what_stops_a_loop_is_red(defects: Measured, defect: str) -> None:
+def test_what_stops_a_loop_is_red(defects: DeskRun, defect: str) -> None:
     """A defect that stops a loop ends in its verdict, with the line that a person would quote."""
     cell = defects.ran.cells("defect")[defect]
     verdict, phase, outcome, decisive = RED[defect]
@@ -191,7 +191,7 @@ def test_what_stops_a_loop_is_red(defects: Measured, defect: str) -> None:
 
 
 @pytest.mark.parametrize("defect", MISLEADING)
-def test_what_contradicts_itself_misleads(defects: Measured, defect: str) -> None:
+def test_what_contradicts_itself_misleads(defects: DeskRun, defect: str) -> None:
     """A defect that raises nothing but contradicts the environment's claims leaves its phase passed, and misleads."""
     cell = defects.ran.cells("defect")[defect]
     phase, check, decisive = MISLEADING[defect]
@@ -210,7 +210,7 @@ def test_what_contradicts_itself_misleads(defects: Measured, defect: str) -> Non
         ("tuple", ("skipped", "skipped", "skipped", "not_reached")),
     ],
 )
-def test_what_cannot_be_compared_is_skipped(defects: Measured, defect: str, outcomes: tuple[str, ...]) -> None:
+def test_what_cannot_be_compared_is_skipped(defects: DeskRun, defect: str, outcomes: tuple[str, ...]) -> None:
     """A check is skipped without a specification, on something other than MuJoCo, or after a fault of our own."""
     (case,) = defects.ran.cells("defect")[defect]["cases"]
     names = ("single.start_pose", "single.contact", "single.solver", "single.arrays")
@@ -219,7 +219,7 @@ def test_what_cannot_be_compared_is_skipped(defects: Measured, defect: str, outc
 
 
 @pytest.mark.parametrize("defect", FOUND)
-def test_findings(defects: Measured, defect: str) -> None:
+def test_findings(defects: DeskRun, defect: str) -> None:
     """Problems that do not stop a loop are warnings of the check that saw them; nothing else is a warning."""
     found = defects.ran.cells("defect")[defect]["findings"]
     assert {finding["check"] for finding in found} == set(FOUND[defect])
@@ -228,7 +228,7 @@ def test_findings(defects: Measured, defect: str) -> None:
         assert re.fullmatch(FOUND[defect][finding["check"]], finding["text"]), finding["text"]
 
 
-def test_a_failed_single_leaves_the_rest_unreached(defects: Measured) -> None:
+def test_a_failed_single_leaves_the_rest_unreached(defects: DeskRun) -> None:
     """Vector and render need an environment that runs: after a failed single nobody tries them."""
     for defect, (_, phase, _, _) in RED.items():
         cell = defects.ran.cells("defect")[defect]
@@ -238,7 +238,7 @@ def test_a_failed_single_leaves_the_rest_unreached(defects: Measured) -> None:
 
 
 @pytest.mark.parametrize("defect", ["worker-raises", "worker-exits", "worker-crashes", "worker-hangs"])
-def test_other_checks_still_report(defects: Measured, defect: str) -> None:
+def test_other_checks_still_report(defects: DeskRun, defect: str) -> None:
     """Checks before and after those with dying workers still report."""
     (case,) = defects.ran.cells("defect")[defect]["cases"]
     outcomes = {check: case["checks"][check] for check in case["checks"] if check in OTHERS}
@@ -246,44 +246,44 @@ def test_other_checks_still_report(defects: Measured, defect: str) -> None:
 
 
 @pytest.mark.parametrize("defect", ["worker-raises", "worker-exits", "worker-crashes"])
-def test_the_mask_is_told_apart(defects: Measured, defect: str) -> None:
+def test_the_mask_is_told_apart(defects: DeskRun, defect: str) -> None:
     """The broken pipe of a dead worker is reported as a mask of the cause, never as the cause."""
     (case,) = defects.ran.cells("defect")[defect]["cases"]
     assert re.match("ConnectionResetError|BrokenPipeError|EOFError", case["masked"]["vector.async.fork"])
 
 
-def test_a_render_without_meaning_is_skipped(defects: Measured) -> None:
+def test_a_render_without_meaning_is_skipped(defects: DeskRun) -> None:
     """An environment that declares no picture has no render to fail."""
     assert defects.ran.cells("defect")["pictureless"]["phases"]["render"] == "skipped"
 
 
-def test_a_timeout_is_tried_twice(defects: Measured) -> None:
+def test_a_timeout_is_tried_twice(defects: DeskRun) -> None:
     """A check that overran its limit gets a second try with the doubled limit; the seconds of the try count."""
     cell = defects.ran.cells("defect")["hang"]
     assert cell["attempts"] == 2
     assert cell["seconds"] >= 3
 
 
-def test_no_process_is_left(defects: Measured) -> None:
+def test_no_process_is_left(defects: DeskRun) -> None:
     """Hangs deaf to SIGTERM, daemons and workers: when the command is back, none of their processes is there."""
     assert processes_of(defects.desk.mark) == []
 
 
-def test_endless_output_is_bounded(defects: Measured) -> None:
+def test_endless_output_is_bounded(defects: DeskRun) -> None:
     """Endless output is cut: its head and its tail are kept."""
     log = _evidence(defects, "flood") / "log.txt"
     assert log.stat().st_size < 3 << 20
     assert log.read_text().startswith("the solver did not converge\n")
 
 
-def test_writes_reach_no_other_environment(defects: Measured) -> None:
+def test_writes_reach_no_other_environment(defects: DeskRun) -> None:
     """A probe's writes into its environment are discarded: the shared environment stays as it was installed."""
     (module,) = defects.desk.cache.glob("environments/*/**/site-packages/fake_writer.py")
     assert not (module.parent / "fake_writer_cache.txt").exists()
     assert "neighbour" not in (module.parent / "fake_healthy.py").read_text()
 
 
-def test_every_cell_has_its_evidence(defects: Measured) -> None:
+def test_every_cell_has_its_evidence(defects: DeskRun) -> None:
     """Each verdict names a folder with what the probe wrote, and each phase that did not pass names its own."""
     for cell in defects.ran.document["cells"]:
         assert (defects.desk.folder / cell["evidence"] / "reply.jsonl").stat().st_size > 0
@@ -295,7 +295,7 @@ def test_every_cell_has_its_evidence(defects: Measured) -> None:
             assert all((defects.desk.folder / path).is_dir() for path in case["evidence"].values())
 
 
-def test_evidence_names_no_place_of_this_machine(defects: Measured) -> None:
+def test_evidence_names_no_place_of_this_machine(defects: DeskRun) -> None:
     """Evidence and reports can be published: the folders of the run are names like $ENV in them."""
     places = [str(defects.desk.folder), str(defects.desk.cache), f"{tempfile.gettempdir()}/simmatrix-"]
     texts = [path for path in defects.desk.state.glob("evidence/*/*") if path.suffix in {".txt", ".jsonl"}]
@@ -305,5 +305,5 @@ def test_evidence_names_no_place_of_this_machine(defects: Measured) -> None:
     assert [path.name for path in texts + reports if any(place in path.read_text() for place in places)] == []
 
 
-def _evidence(measured: Measured, defect: str) -> Path:
+def _evidence(measured: DeskRun, defect: str) -> Path:
     return measured.desk.folder / measured.ran.cells("defect")[defect]["evidence"]

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from commandline import Desk, Ran
+from commandline import CommandResult, Desk
 
 from harness.running import offline_collect
 
@@ -263,7 +263,7 @@ def assert_manifest(folder: Path, found: dict[str, tuple[int, bytes]]) -> None:
     assert b"127.0.0.1" not in everything
 
 
-def verdicts(ran: Ran) -> dict[str, str]:
+def verdicts(ran: CommandResult) -> dict[str, str]:
     """Return the verdict of each cell by its value of `which`."""
     return {which: cell["verdict"] for which, cell in ran.cells("which").items()}
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import msgspec
 import numpy
 import pytest
-from commandline import Desk, Measured, Ran
+from commandline import CommandResult, Desk, DeskRun
 from filelock import FileLock
 from PIL import Image
 
@@ -70,10 +70,10 @@ def numpies(together: Path, pytestconfig: pytest.Config) -> Path:
 
 
 @pytest.fixture(scope="session")
-def measured(once: Callable[[str, Callable[[Desk], Ran]], Measured], numpies: Path) -> Measured:
+def measured(once: Callable[[str, Callable[[Desk], CommandResult]], DeskRun], numpies: Path) -> DeskRun:
     """Return a run of the cells of two machines."""
 
-    def measure(desk: Desk) -> Ran:
+    def measure(desk: Desk) -> CommandResult:
         drivers(desk.folder / "drivers")
         server = archive(desk.folder / "server", REPORTED)
         locked = archive(desk.folder / "locked", {"gymtorch": "locked"})
@@ -105,13 +105,13 @@ def drivers(folder: Path) -> None:
         subprocess.run(("cc", "-shared", "-fPIC", f"-DGPUS={GPUS}", "-o", target, source), check=True)
 
 
-def pairs(measured: Measured, machine: str) -> dict[str, Pair]:
+def pairs(measured: DeskRun, machine: str) -> dict[str, Pair]:
     """Return every pair of devices of a machine, by a name such as `c0g1`."""
     cell = msgspec.convert(measured.ran.cells("machine")[machine], CellEntry)
     return {f"c{pair.compute}g{pair.graphics}": pair for pair in camera_pages.pairs(cell)}
 
 
-def test_each_pair_has_its_class(measured: Measured) -> None:
+def test_each_pair_has_its_class(measured: DeskRun) -> None:
     """Each pair of devices gets the class of its own failure, for the GPU picture and for the copied one."""
     assert {name: (str(pair.tensor), str(pair.cpu)) for name, pair in pairs(measured, "server").items()} == {
         "c0g0": ("ok", "ok"),
@@ -128,7 +128,7 @@ def test_each_pair_has_its_class(measured: Measured) -> None:
     assert [(str(pair.tensor), str(pair.cpu)) for pair in locked.values()] == [("hang", "ok")]
 
 
-def test_the_way_round_is_proven_on_the_same_devices(measured: Measured) -> None:
+def test_the_way_round_is_proven_on_the_same_devices(measured: DeskRun) -> None:
     """If a picture cannot stay on the GPU, copying it is tried on the same pair of devices, and reported."""
     assert {name: pair.proven for name, pair in pairs(measured, "server").items()} == {
         "c0g0": None,
@@ -143,7 +143,7 @@ def test_the_way_round_is_proven_on_the_same_devices(measured: Measured) -> None
     }
 
 
-def test_the_line_says_what_python_saw_and_native_code_is_heard(measured: Measured) -> None:
+def test_the_line_says_what_python_saw_and_native_code_is_heard(measured: DeskRun) -> None:
     """The reason is the picture that is None; native output without an exception is shown and matched beside it."""
     cell = measured.ran.cells("machine")["server"]
     tensor = pairs(measured, "server")["c1g0"].tensor
@@ -162,7 +162,7 @@ def test_the_line_says_what_python_saw_and_native_code_is_heard(measured: Measur
     assert named[3:] == ["isaacgym-camera-none-masking"]  # what is only printed hides nothing
 
 
-def test_a_device_that_is_not_there_is_no_failure(measured: Measured) -> None:
+def test_a_device_that_is_not_there_is_no_failure(measured: DeskRun) -> None:
     """A pair with a missing device is skipped, with the number of devices that its driver reports."""
     seen = pairs(measured, "server")
 
@@ -170,7 +170,7 @@ def test_a_device_that_is_not_there_is_no_failure(measured: Measured) -> None:
     assert seen["c0g6"].cpu.why == "no graphics device 6: Vulkan sees 6"
 
 
-def test_devices_are_told_with_those_that_are_the_same(measured: Measured) -> None:
+def test_devices_are_told_with_those_that_are_the_same(measured: DeskRun) -> None:
     """Each device is listed with its equals: from Mesa's software device on, Vulkan's numbers differ from CUDA's."""
     told = [case for case in measured.ran.cells("machine")["server"]["cases"] if case["case"] == "physics-c0"]
 
@@ -182,7 +182,7 @@ def test_devices_are_told_with_those_that_are_the_same(measured: Measured) -> No
     }
 
 
-def test_a_picture_is_the_same_by_both_ways(measured: Measured) -> None:
+def test_a_picture_is_the_same_by_both_ways(measured: DeskRun) -> None:
     """Bodies fall between the first and the last picture, which show the same whether left on the GPU or copied."""
     cell = measured.ran.cells("machine")["server"]
     frames = {case["case"]: [measured.desk.folder / name for name in case["frames"]] for case in cell["cases"]}
@@ -194,7 +194,7 @@ def test_a_picture_is_the_same_by_both_ways(measured: Measured) -> None:
     assert ((first == copied[0]).all(), (last == copied[1]).all()) == (True, True)
 
 
-def test_the_page_tells_every_pair(measured: Measured) -> None:
+def test_the_page_tells_every_pair(measured: DeskRun) -> None:
     """The page of the matrix shows classes, proof and what native code printed, from the document alone."""
     page = Path(__file__).parents[3] / "matrices" / "pages" / "isaac-gym.md.j2"
     document = msgspec.convert(measured.ran.document, Document)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from commandline import Desk, Measured, Ran
+from commandline import CommandResult, Desk, DeskRun
 
 XML = "ValueError: XML Error: top-level default class 'main' cannot be renamed / Element 'default', line 0"
 BLANK = "ContractViolation: blank frame: every pixel is [0, 0, 0]"
@@ -80,13 +80,13 @@ def known(desk: Desk) -> dict[str, str]:
 
 
 @pytest.fixture(scope="session")
-def changed(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
+def changed(once: Callable[[str, Callable[[Desk], CommandResult]], DeskRun]) -> DeskRun:
     """Return a run of a red cell and three changes of it."""
     return once("changed", lambda desk: desk.run("run", desk.matrix("layers", MATRIX), "-j", "2", **known(desk)))
 
 
 @pytest.fixture
-def tried(desk: Desk, changed: Measured) -> Desk:
+def tried(desk: Desk, changed: DeskRun) -> Desk:
     """Return a working folder in which the red cell and its changes were measured before."""
     shutil.copytree(changed.desk.state, desk.state)
     desk.matrix("layers", MATRIX)
@@ -100,7 +100,7 @@ def cells(desk: Desk, folder: str = ".harness/reports/layers") -> dict[str, dict
     return {cell["id"].partition("_red")[2] or "red": cell for cell in made["cells"]}
 
 
-def test_cause_changes_and_proof(changed: Measured) -> None:
+def test_cause_changes_and_proof(changed: DeskRun) -> None:
     """The cause is listed before its mask, and the changed cell proves its remedy; all cells are as expected."""
     found = cells(changed.desk)
     red = found["red"]
@@ -122,7 +122,7 @@ def test_cause_changes_and_proof(changed: Measured) -> None:
     assert not found["_with-advice"]["diagnoses"][0]["proven"]
 
 
-def test_page_and_terminal_say_what_each_change_did(changed: Measured) -> None:
+def test_page_and_terminal_say_what_each_change_did(changed: DeskRun) -> None:
     """Page and terminal say whether a change cures, uncovers another failure or makes no difference.
 
     Cause, remedy and its proof with a lock stand beside the failure.

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import wheelhouse as fakes
-from commandline import PATIENCE, Desk, Ran, wait_for
+from commandline import PATIENCE, CommandResult, Desk, wait_for
 
 INDEX = 'index = { no_index = true, find_links = ["@WHEELS@"] }\n'
 HOOKS = """
@@ -87,7 +87,7 @@ def project(desk: Desk) -> Path:
     return desk.folder
 
 
-def measured(desk: Desk, text: str, *more: str) -> tuple[Ran, dict[str, dict[str, Any]]]:
+def measured(desk: Desk, text: str, *more: str) -> tuple[CommandResult, dict[str, dict[str, Any]]]:
     """Run a matrix of the project, and return the ended command and the cells by label."""
     ran = desk.run("run", desk.matrix("matrices/own", text), "--json", *more)
     assert ran.out, ran.err
@@ -234,7 +234,7 @@ def test_a_suite_whose_environment_goes_blames_nobody(desk: Desk, project: Path)
             stamp.unlink()
         gate.unlink()
         out, err = process.communicate(timeout=PATIENCE)
-    (cell,) = Ran(code=process.returncode, out=out, err=err).document["cells"]
+    (cell,) = CommandResult(code=process.returncode, out=out, err=err).document["cells"]
 
     assert (cell["suite"]["outcome"], cell["phases"]["suite"]) == ("infra", "infra")
     assert cell["decisive"] == "the environment was taken away, or changed, while it was used"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from commandline import Desk, Measured, Ran
+from commandline import CommandResult, Desk, DeskRun
 
 from harness.machine import display
 
@@ -50,19 +50,19 @@ WRONG = {
 
 
 @pytest.fixture(scope="session")
-def pictures(once: Callable[[str, Callable[[Desk], Ran]], Measured]) -> Measured:
+def pictures(once: Callable[[str, Callable[[Desk], CommandResult]], DeskRun]) -> DeskRun:
     """Return a run of every wrong picture, and of a window on a display."""
     text = (Path(__file__).parent / "pictures.toml").read_text(encoding="utf-8")
     return once("pictures", lambda desk: desk.run("run", desk.matrix("pictures", text), "--json", "-j", "2"))
 
 
-def _cases(measured: Measured) -> dict[str, dict[str, Any]]:
+def _cases(measured: DeskRun) -> dict[str, dict[str, Any]]:
     cell = measured.ran.cells("drawn")["pictures"]
     return {case["env"].partition(":")[2]: case for case in cell["cases"]}
 
 
 @pytest.mark.parametrize("env", UNUSABLE)
-def test_a_picture_that_cannot_be_used_fails(pictures: Measured, env: str) -> None:
+def test_a_picture_that_cannot_be_used_fails(pictures: DeskRun, env: str) -> None:
     """A picture that is no array, or of another shape or type, fails: a loop that takes pictures stops there."""
     case = _cases(pictures)[env]
 
@@ -70,7 +70,7 @@ def test_a_picture_that_cannot_be_used_fails(pictures: Measured, env: str) -> No
 
 
 @pytest.mark.parametrize("env", WRONG)
-def test_a_picture_that_is_not_right_is_told(pictures: Measured, env: str) -> None:
+def test_a_picture_that_is_not_right_is_told(pictures: DeskRun, env: str) -> None:
     """A picture that is wrong but not blank is a warning of its own kind; a right picture has none."""
     found = pictures.ran.cells("drawn")["pictures"]["findings"]
     case = _cases(pictures)[env]
@@ -80,14 +80,14 @@ def test_a_picture_that_is_not_right_is_told(pictures: Measured, env: str) -> No
     assert case["checks"]["render.rgb_array"] == "passed"
 
 
-def test_a_warning_that_is_required_not_to_be_there(pictures: Measured) -> None:
+def test_a_warning_that_is_required_not_to_be_there(pictures: DeskRun) -> None:
     """A matrix that requires pictures to change as the environment moves has a red cell for constant ones."""
     cell = pictures.ran.cells("drawn")["refused"]
 
     assert (cell["phases"]["render"], cell["decisive"].partition(":")[0]) == ("failed", "render.constant")
 
 
-def test_a_window_has_a_display(pictures: Measured) -> None:
+def test_a_window_has_a_display(pictures: DeskRun) -> None:
     """A lock that holds pyglet gets our own display; the result records its use, but not its number."""
     if display.program() is None:
         pytest.skip("missing library: xvfb")
@@ -97,7 +97,7 @@ def test_a_window_has_a_display(pictures: Measured) -> None:
     assert "DISPLAY" not in pictures.ran.cells("drawn")["pictures"]["supplied"]
 
 
-def test_a_display_that_is_lacking(pictures: Measured, desk: Desk) -> None:
+def test_a_display_that_is_lacking(pictures: DeskRun, desk: Desk) -> None:
     """Without Xvfb drawing in windows is unavailable, with the package that brings Xvfb; the rest works."""
     (desk.folder / "bin").mkdir()
     unshare = shutil.which("unshare")

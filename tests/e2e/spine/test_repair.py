@@ -10,7 +10,7 @@ from typing import Any
 
 import market
 import pytest
-from commandline import Desk, Measured, Ran
+from commandline import CommandResult, Desk, DeskRun
 from filelock import FileLock
 from market import LAST, LATER, LONG_AGO, ROBOT, line, robot
 
@@ -117,13 +117,13 @@ def index(together: Path, wheels: Path) -> str:
     with FileLock(together / "index.lock"):
         if not folder.exists():
             making = together / "making-index"
-            market.opened(making, folder, wheels, RELEASES)
+            market.write_index(making, folder, wheels, RELEASES)
             making.rename(folder)
     return (folder / "simple").as_uri()
 
 
 @pytest.fixture(scope="session")
-def repaired(once: Callable[[str, Callable[[Desk], Ran]], Measured], index: str) -> Measured:
+def repaired(once: Callable[[str, Callable[[Desk], CommandResult]], DeskRun], index: str) -> DeskRun:
     """Return a run of some robots in which every red cell was repaired."""
     return once(
         "market",
@@ -131,7 +131,7 @@ def repaired(once: Callable[[str, Callable[[Desk], Ran]], Measured], index: str)
     )
 
 
-def proof(measured: Measured, which: str) -> dict[str, Any]:
+def proof(measured: DeskRun, which: str) -> dict[str, Any]:
     """Return the document of the repair of a cell."""
     (folder,) = (measured.desk.state / "repairs").glob(f"*/*_{which}")
     made: dict[str, Any] = json.loads((folder / "repair.json").read_text(encoding="utf-8"))
@@ -201,27 +201,27 @@ def test_parts_are_left_out_by_halves_and_bounds_are_widened(desk: Desk, index: 
     assert len(leaving_out) <= 5
 
 
-def test_package_that_nobody_named(repaired: Measured) -> None:
+def test_package_that_nobody_named(repaired: DeskRun) -> None:
     """A package that nobody named is bounded from its first failing release, and no other package with it."""
     made = proof(repaired, "single")
     assert (made["status"], made["remedy"]["change"], shown(made)) == ("found", {"constraints": ["toolbox<2"]}, True)
 
 
-def test_once_per_cause(repaired: Measured) -> None:
+def test_once_per_cause(repaired: DeskRun) -> None:
     """The remedy of one cell is tried on the next with the same cause, and measured there, too."""
     made = proof(repaired, "again")
     assert (made["remedy"]["change"], shown(made)) == ({"constraints": ["toolbox<2"]}, True)
     assert [run["why"] for run in made["runs"][1:2]] == ["it cured another cell of the same cause"]
 
 
-def test_nothing_cures(repaired: Measured) -> None:
+def test_nothing_cures(repaired: DeskRun) -> None:
     """If no change cures the cell, no remedy is claimed."""
     made = proof(repaired, "hopeless")
     assert (made["status"], made["remedy"], made["stopped"]) == ("not found", None, None)
     assert len(made["runs"]) > 1
 
 
-def test_report_shows_repaired_cells(repaired: Measured) -> None:
+def test_report_shows_repaired_cells(repaired: DeskRun) -> None:
     """The report shows each repaired cell beside the red one; the exit code counts the red ones alone."""
     cells = {cell["id"].partition("_")[2]: cell for cell in repaired.ran.document["cells"]}
     assert repaired.ran.code == 1
@@ -234,7 +234,7 @@ def test_report_shows_repaired_cells(repaired: Measured) -> None:
     assert "fine_with-repair" not in cells
 
 
-def test_proof_repeats_with_one_command(repaired: Measured, desk: Desk) -> None:
+def test_proof_repeats_with_one_command(repaired: DeskRun, desk: Desk) -> None:
     """`repair` runs the proof again with one command; its lock and a page are stored beside it."""
     shutil.copytree(repaired.desk.state, desk.state)
     (folder,) = (desk.state / "repairs").glob("*/*_single")
@@ -272,14 +272,14 @@ def test_nothing_is_said_to_cure_what_is_flaky(desk: Desk, index: str) -> None:
     assert "it is flaky" in ran.document["told"][-1]
 
 
-def test_green_already(repaired: Measured, desk: Desk) -> None:
+def test_green_already(repaired: DeskRun, desk: Desk) -> None:
     """Nothing to repair is no failure."""
     shutil.copytree(repaired.desk.state, desk.state)
     ran = desk.run("repair", f"{repaired.desk.folder / 'market.toml'}/*-fine")
     assert (ran.code, ran.out.partition("\n")[0].partition(" ")[2]) == (0, "works: there is nothing to repair")
 
 
-def test_bounds(repaired: Measured, desk: Desk) -> None:
+def test_bounds(repaired: DeskRun, desk: Desk) -> None:
     """A search that is cut short says so, and names the untried changes."""
     ran = desk.run("repair", f"{repaired.desk.folder / 'market.toml'}/*-hopeless", "--runs", "1", HARNESS_SIGNATURES="")
     assert ran.code == 1

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
-from commandline import PATIENCE, Desk, Ran, below, processes_of, wait_for
+from commandline import PATIENCE, CommandResult, Desk, find_descendants, processes_of, wait_for
 
 MATRIX = """
 requirements = [@FAKES@]
@@ -50,7 +50,7 @@ def test_ended_in_the_middle(desk: Desk, number: signal.Signals, code: int, said
         assert process.stderr
         told = process.stderr.readline()
         wait_for((desk.folder / "gate.reached").exists)
-        started = below(process.pid)
+        started = find_descendants(process.pid)
         assert len(started) >= 3
         assert {*started} & {*processes_of(desk.mark)}
         process.send_signal(number)
@@ -106,7 +106,7 @@ def test_an_environment_that_goes_while_it_is_used_blames_nothing(desk: Desk) ->
         wait_for((desk.folder / "gate.reached").exists)  # which takes an environment with all that it needs
         (desk.folder / "gate").touch()
         out, err = process.communicate(timeout=PATIENCE)
-    cell = Ran(code=process.returncode, out=out, err=err).cells("which")["second"]
+    cell = CommandResult(code=process.returncode, out=out, err=err).cells("which")["second"]
     assert (cell["verdict"], cell["reused"]) == ("works", False)
 
 
@@ -141,7 +141,7 @@ def test_a_probe_that_somebody_kills(desk: Desk, times: int, sandbox: str) -> No
         if times == 1:
             (desk.folder / "gate").touch()
         out, err = process.communicate(timeout=PATIENCE)
-    cell = Ran(code=process.returncode, out=out, err=err).cells("which")["second"]
+    cell = CommandResult(code=process.returncode, out=out, err=err).cells("which")["second"]
     if times == 1:
         assert (cell["verdict"], cell["attempts"]) == ("works", 2)
         return
@@ -194,5 +194,5 @@ def test_almost_no_environment(desk: Desk, home: str) -> None:
     given = {"PATH": os.environ["PATH"], **({"HOME": str(desk.folder)} if home == "kept" else {})}
     words = (sys.executable, "-m", "harness", "run", matrix, "-k", "*-first", "--json")
     done = subprocess.run(words, cwd=desk.folder, env=given, capture_output=True, text=True, check=False)
-    cell = Ran(code=done.returncode, out=done.stdout, err=done.stderr).cells("which")["first"]
+    cell = CommandResult(code=done.returncode, out=done.stdout, err=done.stderr).cells("which")["first"]
     assert (done.returncode, cell["verdict"]) == (0, "works")

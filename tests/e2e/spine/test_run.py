@@ -11,7 +11,7 @@ from typing import Any
 
 import jsonschema
 import pytest
-from commandline import SMALL, Desk, Measured
+from commandline import SMALL, Desk, DeskRun
 from PIL import Image
 
 from harness.probes.vault import Vault
@@ -54,7 +54,7 @@ how.two.cases = [{ id = "one", env = "raises:make", api = "gymnasium", kwargs = 
 # --- the document ----------------------------------------------------------------------------------------------
 
 
-def test_the_document_has_the_keys_of_the_contract(defects: Measured, verdicts: Measured) -> None:
+def test_the_document_has_the_keys_of_the_contract(defects: DeskRun, verdicts: DeskRun) -> None:
     """Every cell, whatever became of it, has every key, every phase, and the id that was asked for."""
     for document in (defects.ran.document, verdicts.ran.document):
         assert document.keys() >= TOP
@@ -66,20 +66,20 @@ def test_the_document_has_the_keys_of_the_contract(defects: Measured, verdicts: 
                 assert all(check.partition(".")[0] in PHASES for check in case["checks"])
 
 
-def test_the_document_is_valid_by_its_schema(desk: Desk, defects: Measured, verdicts: Measured) -> None:
+def test_the_document_is_valid_by_its_schema(desk: Desk, defects: DeskRun, verdicts: DeskRun) -> None:
     """`schema report` publishes the shape that `run --json` prints."""
     schema = json.loads(desk.run("schema", "report").out)
     for document in (defects.ran.document, verdicts.ran.document):
         jsonschema.Draft202012Validator(schema).validate(document)
 
 
-def test_cells_stand_in_the_order_of_the_plan(defects: Measured) -> None:
+def test_cells_stand_in_the_order_of_the_plan(defects: DeskRun) -> None:
     """However many cells run at a time, the report keeps the order of the plan."""
     planned = defects.desk.run("plan", "defects.toml", "--json").document
     assert [cell["id"] for cell in defects.ran.document["cells"]] == [cell["id"] for cell in planned["cells"]]
 
 
-def test_facts_of_a_working_cell(small: Measured) -> None:
+def test_facts_of_a_working_cell(small: DeskRun) -> None:
     """A cell names its machine, its Python, what is installed and what was supplied."""
     cell = small.ran.cells("which")["good"]
     assert cell["machine"] in small.ran.document["machines"]
@@ -94,7 +94,7 @@ def test_facts_of_a_working_cell(small: Measured) -> None:
     ]
 
 
-def test_locks_are_pinned_with_hashes(small: Measured) -> None:
+def test_locks_are_pinned_with_hashes(small: DeskRun) -> None:
     """The lock beside the report holds what was installed, each version with its hashes."""
     cell = small.ran.cells("which")["good"]
     text = (small.desk.folder / cell["lock"]).read_text()
@@ -102,7 +102,7 @@ def test_locks_are_pinned_with_hashes(small: Measured) -> None:
     assert pins == cell["installed"]
 
 
-def test_frames_are_small_pictures(small: Measured) -> None:
+def test_frames_are_small_pictures(small: DeskRun) -> None:
     """The first and the last frame are kept as PNGs beside the report."""
     (case,) = small.ran.cells("which")["good"]["cases"]
     paths = [small.desk.folder / frame for frame in case["frames"]]
@@ -112,7 +112,7 @@ def test_frames_are_small_pictures(small: Measured) -> None:
             assert (image.format, image.size) == ("PNG", (48, 32))
 
 
-def test_the_folder_holds_the_same(small: Measured) -> None:
+def test_the_folder_holds_the_same(small: DeskRun) -> None:
     """`report.json` is the document with paths of its own; `report.md` has a row for every cell."""
     folder = small.desk.state / "reports" / "small"
     document = json.loads((folder / "report.json").read_text())
@@ -127,7 +127,7 @@ def test_the_folder_holds_the_same(small: Measured) -> None:
 # --- exit codes ------------------------------------------------------------------------------------------------
 
 
-def test_a_red_cell_that_nobody_expects_is_1(small: Measured) -> None:
+def test_a_red_cell_that_nobody_expects_is_1(small: DeskRun) -> None:
     """A cell without expectation is expected to work."""
     assert small.ran.code == 1
     assert small.ran.cells("which")["blank"]["as_expected"] is False
@@ -209,7 +209,7 @@ def test_a_second_run_has_nothing_to_do(kept: Desk) -> None:
     assert [cell["reused"] for cell in document["cells"]] == [True, True]
 
 
-def test_the_second_report_says_the_same(kept: Desk, small: Measured) -> None:
+def test_the_second_report_says_the_same(kept: Desk, small: DeskRun) -> None:
     """Reuse changes nothing of what a report says but that it was reused."""
     again = kept.run("run", "small.toml", "--json")
     assert again.code == small.ran.code
@@ -328,7 +328,7 @@ def test_out_goes_elsewhere(kept: Desk) -> None:
     assert all((kept.folder / "there" / cell["lock"]).is_file() for cell in document["cells"])
 
 
-def test_progress_is_plain_lines(small: Measured) -> None:
+def test_progress_is_plain_lines(small: DeskRun) -> None:
     """If the output is not a terminal, each finished cell is one line on stderr."""
     lines = small.ran.err.splitlines()
     assert len(lines) == 2

@@ -95,7 +95,7 @@ def resolving(desk: Desk, monkeypatch: pytest.MonkeyPatch, matrix: Path) -> list
     monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
     monkeypatch.setenv("HARNESS_STATE", str(desk.state))
     opened = store.open_store()
-    plan = open_matrix.dated(open_matrix.load(str(matrix), print), opened)
+    plan = open_matrix.set_instant(open_matrix.load(str(matrix), print), opened)
     host = interpreters.find("host")
     assert host
     return [opened.claim_file(store.question_key(cell.question, host)) for cell in plan.cells]
@@ -147,7 +147,7 @@ def test_memory_decides_how_many_run(desk: Desk, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
     monkeypatch.setenv("HARNESS_STATE", str(desk.state))
     opened = store.open_store()
-    plan = open_matrix.dated(open_matrix.load(str(desk.matrix("m", GATES + TWO_GATES)), print), opened)
+    plan = open_matrix.set_instant(open_matrix.load(str(desk.matrix("m", GATES + TWO_GATES)), print), opened)
     settings = scheduler.Settings(
         jobs=scheduler.AUTO, until=Phase.SINGLE, reading=lambda: Reading(free_mb=free, held_mb=(0, 0))
     )

@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ET
 from time import monotonic, sleep
 
 import pytest
-from commandline import SMALL, Desk, Ran, processes_of
+from commandline import SMALL, CommandResult, Desk, processes_of
 
 PREFIX = f"py{platform.python_version()}"
 GOOD, BLANK = f"small/{PREFIX}_good", f"small/{PREFIX}_blank"
@@ -26,7 +26,7 @@ reason = "it paints black"
 """
 
 
-def smoke(desk: Desk, *arguments: str, **variables: str) -> Ran:
+def smoke(desk: Desk, *arguments: str, **variables: str) -> CommandResult:
     """Run the suite over `small.toml`."""
     return desk.run(
         "--pyargs", "harness.smoke", "--matrix", "small.toml", "-ra", *arguments, module="pytest", **variables
@@ -39,7 +39,7 @@ def items(cell: str, *cases: str) -> list[str]:
     return [f"{cell}::{name}" for name in names]
 
 
-def ended(ran: Ran, outcome: str) -> list[str]:
+def ended(ran: CommandResult, outcome: str) -> list[str]:
     """Return the lines of the summary for one outcome."""
     return re.findall(rf"(?m)^{outcome} (.*)$", ran.out)
 

@@ -9,7 +9,7 @@ import re
 import shutil
 
 import pytest
-from commandline import Desk, Measured
+from commandline import Desk, DeskRun
 
 from harness.judging.assess import assess
 from harness.machine import interpreters, process, this_machine
@@ -52,7 +52,7 @@ EARLY = {
 
 
 @pytest.mark.parametrize("what", EARLY)
-def test_verdicts_about_packages(verdicts: Measured, what: str) -> None:
+def test_verdicts_about_packages(verdicts: DeskRun, what: str) -> None:
     """Each failure of packages has its own verdict: no solution, no wheel, a failed build, a flaky failure."""
     cell = verdicts.ran.cells("what")[what]
     wanted, phase, outcome, decisive = EARLY[what]
@@ -60,7 +60,7 @@ def test_verdicts_about_packages(verdicts: Measured, what: str) -> None:
     assert cell["decisive"] is None if decisive is None else re.fullmatch(decisive, cell["decisive"])
 
 
-def test_a_python_that_nobody_has_is_unavailable(verdicts: Measured) -> None:
+def test_a_python_that_nobody_has_is_unavailable(verdicts: DeskRun) -> None:
     """A cell whose interpreter cannot be had says what to do, and blames no package."""
     cell = _cell(verdicts, "verdict-python")
     assert (cell["verdict"], cell["as_expected"], cell["python"]) == ("unavailable", None, None)
@@ -70,7 +70,7 @@ def test_a_python_that_nobody_has_is_unavailable(verdicts: Measured) -> None:
     )
 
 
-def test_an_index_that_does_not_answer_is_inconclusive(verdicts: Measured) -> None:
+def test_an_index_that_does_not_answer_is_inconclusive(verdicts: DeskRun) -> None:
     """An index failure is infra: never a verdict about packages."""
     cell = _cell(verdicts, "verdict-index")
     assert (cell["verdict"], cell["as_expected"], cell["phases"]["resolve"]) == ("inconclusive", None, "infra")
@@ -141,14 +141,14 @@ def test_a_write_is_seen_where_nothing_can_be_laid_over(
     ]
 
 
-def test_every_verdict_and_outcome_is_reached(defects: Measured, verdicts: Measured) -> None:
+def test_every_verdict_and_outcome_is_reached(defects: DeskRun, verdicts: DeskRun) -> None:
     """The two runs together show every verdict and outcome of the harness."""
     cells = [*defects.ran.document["cells"], *verdicts.ran.document["cells"]]
     assert {cell["verdict"] for cell in cells} == set(Verdict)
     assert {outcome for cell in cells for outcome in cell["phases"].values()} == set(Outcome)
 
 
-def _cell(measured: Measured, matrix: str) -> dict[str, object]:
+def _cell(measured: DeskRun, matrix: str) -> dict[str, object]:
     (cell,) = (cell for cell in measured.ran.document["cells"] if cell["matrix"] == matrix)
     return dict(cell)
 
