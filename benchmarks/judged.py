@@ -210,8 +210,8 @@ def page(judged: Sequence[Judged], cells_by_label: Mapping[str, Mapping[str, Any
     yield (
         f"Made by `python benchmarks/judged.py run`, `repair`, `score` on {today}: Python {platform.python_version()}, "
         f"Linux {platform.machine()}, {os.cpu_count()} cores, which other work shared. The "
-        f"{len(cells_by_label)} combinations of [judged.toml](judged.toml) were listed before any was run, by a hand that "
-        "wrote no signature; "
+        f"{len(cells_by_label)} combinations of [judged.toml](judged.toml) were listed before any was run, by a hand "
+        "that wrote no signature; "
         "[judged-truth.toml](judged-truth.toml) says of each that fails what is so, from its logs."
     )
     yield ""
