@@ -1,1 +1,15 @@
 """Know and use this machine: processes under the supervisor, files and locks, interpreters, displays, memory."""
+
+__all__ = [
+    "console",
+    "debian_packages",
+    "display",
+    "free_memory",
+    "interpreters",
+    "interrupts",
+    "once_per_key",
+    "process",
+    "source_digests",
+    "store",
+    "this_machine",
+]

@@ -1,1 +1,12 @@
 """Turn requirements into an environment: the index, uv, locks, and the package under test."""
+
+__all__ = [
+    "download_notice",
+    "index",
+    "index_settings",
+    "locks",
+    "package_under_test",
+    "resolver",
+    "uv_command",
+    "uv_failures",
+]

@@ -1,1 +1,15 @@
 """Make documents of assessed cells, and all that is shown of them: tables, texts, answers, packs of evidence."""
+
+__all__ = [
+    "doctor_pyz",
+    "document",
+    "expectation_writer",
+    "judge_again",
+    "merging",
+    "packs",
+    "publishing",
+    "readme_blocks",
+    "redacting",
+    "template_files",
+    "upstream",
+]

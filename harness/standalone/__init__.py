@@ -3,3 +3,22 @@
 In Python 3.7 to 3.14, with the standard library and itself alone. The host imports it and adds types;
 `simmatrix-doctor.pyz` carries it to where no new Python is.
 """
+
+__all__ = [
+    "adapters",
+    "control_characters",
+    "counting",
+    "installing",
+    "keys",
+    "lines",
+    "matching",
+    "opening",
+    "output",
+    "packages",
+    "remedies",
+    "requirements",
+    "running",
+    "silent",
+    "versions",
+    "wrapping",
+]

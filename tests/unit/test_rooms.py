@@ -109,6 +109,40 @@ def test_a_room_can_be_overlooked(folder: Path) -> None:
     assert "TODO" not in words
 
 
+def package(module: str) -> str:
+    """Return the room, or the room within a room, that a module lies in."""
+    return module if MODULES[module].stem == "__init__" else module.rpartition(".")[0]
+
+
+ENTERED = {
+    other
+    for module, path in MODULES.items()
+    for other in ours(path)
+    if package(other) not in {package(module), "harness"}
+}
+"""Modules that are imported from outside the folder that they lie in."""
+
+
+@pytest.mark.parametrize("room", sorted({package(module) for module in MODULES} - {"harness", "harness.model"}))
+def test_a_room_is_entered_by_its_doors(room: str) -> None:
+    """What other rooms import of it stands in the `__all__` of its `__init__`; the rest is its own, and may change.
+
+    `model` is the other way round: all of it is words for everybody.
+    """
+    tree = ast.parse(MODULES[room].read_text())
+    lists = [
+        node.value for node in tree.body if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+    ]
+    names = {name for value in lists for name in ast.literal_eval(value)}
+    bound = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+    objects = bound | {
+        alias.asname or alias.name for node in tree.body if isinstance(node, ast.ImportFrom) for alias in node.names
+    }
+    doors = {module.rpartition(".")[2] for module in ENTERED if package(module) == room and module != room}
+    assert doors <= names
+    assert names - objects == doors - objects
+
+
 def test_the_list_of_rooms_says_what_the_rooms_say() -> None:
     """`harness/README.md` has the rooms in their order, each with its own words; every file that it names is there."""
     text = (PACKAGE / "README.md").read_text()

@@ -11,6 +11,19 @@ from harness.ci.drafts.suite import SuiteDraft, runtime, suite
 from harness.ci.drafts.workflow import of_legs
 
 __all__ = [
-    "Case", "Draft", "Project", "Range", "SuiteDraft", "matrix_folder", "of_legs", "of_project", "read_project",
-    "registered", "runtime", "suite", "text_of",
-]  # fmt: skip
+    "Case",
+    "Draft",
+    "Project",
+    "Range",
+    "SuiteDraft",
+    "candidates",
+    "matrix_folder",
+    "of_legs",
+    "of_project",
+    "read_project",
+    "registered",
+    "runtime",
+    "suite",
+    "text_of",
+    "values",
+]

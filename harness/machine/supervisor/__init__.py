@@ -15,3 +15,5 @@ it and ends the rest. Whichever of the three is killed, the others end everythin
 """
 
 SIZE = 4
+
+__all__ = ["tree"]

@@ -1,1 +1,13 @@
 """Answer from all measured results: which versions work together, which traps are known, what was never tried."""
+
+__all__ = [
+    "digest",
+    "measured_cells",
+    "misspelt",
+    "recommended",
+    "recommended_text",
+    "recommending",
+    "result_index",
+    "shipped_reports",
+    "try_answer",
+]

@@ -1,1 +1,3 @@
 """Group the cells of a document into tables: plain data, ready to be shown in any form."""
+
+__all__ = ["cause_groups", "change_effects", "counted_failures", "table_types", "tables"]

@@ -1,1 +1,3 @@
 """Bisect: find the release, the day or the Python at which a cell broke, and certify it."""
+
+__all__ = ["bisecting", "candidates", "certificates", "guesses"]

@@ -14,6 +14,10 @@ __all__ = [
     "QuietObserver",
     "Runner",
     "Settings",
+    "cost_history",
     "default_jobs",
+    "other_drawing",
     "run",
+    "shared_environment",
+    "steps",
 ]
