@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from pathlib import Path
 
@@ -68,3 +69,23 @@ def test_files_that_it_names_exist() -> None:
 def test_its_tables_are_current() -> None:
     """`simmatrix report --into README.md` would change nothing."""
     assert readme_blocks.renewed(README, ROOT, report.render_block) == README
+
+
+def test_contributors_are_told_of_every_nox_session() -> None:
+    """The table has each session with its first line, and nothing else."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `(\w+)` \| (.*) \|$", text, re.MULTILINE)
+    functions = [
+        node for node in ast.parse((ROOT / "noxfile.py").read_text()).body if isinstance(node, ast.FunctionDef)
+    ]
+    assert listed == [(node.name, ast.get_docstring(node)) for node in functions]
+
+
+def test_contributors_are_led_to_what_is_there() -> None:
+    """Every link and every path in the page exists."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    paths = [
+        *re.findall(r"\]\(([^)#]+)\)", text),
+        *re.findall(r"`((?:tests|matrices|benchmarks|harness)/[\w./]*)`", text),
+    ]
+    assert [path for path in paths if not (ROOT / path).exists()] == []

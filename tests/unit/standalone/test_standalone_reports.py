@@ -15,7 +15,7 @@ from harness.running import shipped_signatures
 from harness.standalone import matching
 from harness.standalone.explain.explaining import Explanation, Facts, explain_text
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 ENOUGH = 0.9
 
 

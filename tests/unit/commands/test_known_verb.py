@@ -14,7 +14,7 @@ from harness.commands.known import KnownDocument
 from harness.model.schema import json_schema
 from harness.reports.answers import digest, result_index, shipped_reports
 
-REPORTS = Path(__file__).parents[2] / "reports"
+REPORTS = Path(__file__).parents[3] / "reports"
 
 
 @pytest.fixture(autouse=True)

@@ -12,7 +12,7 @@ from harness.model import schema
 from harness.model.errors import BadInput
 from harness.model.vocabulary import Instant, Kind
 
-MATRICES = Path(__file__).parents[2] / "matrices"
+MATRICES = Path(__file__).parents[3] / "matrices"
 CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
 AXES = 'axes = { python = ["3.11"], gymnasium = ["0.29.1", "1.2.3"] }\n'
 

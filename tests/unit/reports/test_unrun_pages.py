@@ -12,7 +12,7 @@ from harness.reports.tables import tables
 from harness.reports.text import author_pages
 from harness.running import open_matrix
 
-MATRICES = Path(__file__).parents[2] / "matrices"
+MATRICES = Path(__file__).parents[3] / "matrices"
 PAGES = {
     path.stem: made.page
     for path in sorted(MATRICES.glob("*.toml"))

@@ -11,7 +11,7 @@ import pytest
 from harness.model.report_types import CellEntry
 from harness.reports import document
 
-REPORTS = Path(__file__).parents[2] / "reports"
+REPORTS = Path(__file__).parents[3] / "reports"
 FORK = "vector.async.fork"
 XML = "ValueError: XML Error: top-level default class 'main' cannot be renamed / Element 'default', line 0"
 RACE = r"ConnectionResetError: \[Errno 104\] .*|BrokenPipeError: \[Errno 32\] .*"

@@ -23,7 +23,7 @@ from harness.standalone import requirements, versions
 from harness.standalone.requirements import Requirement
 from harness.standalone.versions import Specifiers
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 VENDORED = Path(versions.__file__).parent / "vendored"
 RECORD = VENDORED / "packaging-24.0.dist-info" / "RECORD"
 WRITTEN = """

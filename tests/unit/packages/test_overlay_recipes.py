@@ -252,7 +252,7 @@ class TestMending:
 
 def test_the_committed_recipes_can_be_read() -> None:
     """Each is called as its package is, and repairs something."""
-    files = sorted((Path(__file__).parents[2] / "matrices" / "overlays").glob("*.toml"))
+    files = sorted((Path(__file__).parents[3] / "matrices" / "overlays").glob("*.toml"))
 
     assert files
     for file in files:

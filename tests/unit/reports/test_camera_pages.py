@@ -22,7 +22,7 @@ from harness.model.report_types import CaseEntry
 from harness.reports.text import camera_pages
 from harness.reports.text.camera_pages import Pair, Seen, Way
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 STANDIN = ROOT / "tests" / "standins" / "isaacgym" / "python"
 MAPPED = "[Error] [carb.gym.plugin] cudaExternamMemoryGetMappedBuffer failed on optical flow buffer with error 101"
 IMPORTED = "[Error] [carb.gym.plugin] cudaImportExternalMemory failed on rgbImage buffer with error 999"

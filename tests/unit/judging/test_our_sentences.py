@@ -22,7 +22,7 @@ from harness.standalone import matching
 from harness.standalone.lines import shorten_line
 from harness.standalone.matching import Around, Evidence, diagnose
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SAMPLES: dict[str, tuple[Any, ...]] = {
     "got": ("(480, 720, 4)", "#38acf4", 3),
     "promised": ("(height, width, 3)", "#0c0050", 1),

@@ -115,7 +115,7 @@ def test_a_shard_reads_as_it_is_written() -> None:
     assert str(shards.Shard(number=2, count=4)) == "2/4"
 
 
-REPORT = Path(__file__).parents[2] / "reports" / "quickstart" / "report.json"
+REPORT = Path(__file__).parents[3] / "reports" / "quickstart" / "report.json"
 
 
 def test_seconds_come_from_a_report() -> None:

@@ -21,7 +21,7 @@ from harness.model.vocabulary import Instant
 from harness.reports import document
 from harness.reports.answers import result_index
 
-REPORTS = Path(__file__).parents[2] / "reports"
+REPORTS = Path(__file__).parents[3] / "reports"
 LABEL = re.compile(r"[A-Za-z0-9.+-]+(_[A-Za-z0-9.+-]+)*")
 
 

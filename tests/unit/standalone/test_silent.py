@@ -24,7 +24,7 @@ from harness.running import shipped_signatures
 from harness.standalone import silent
 from harness.standalone.silent import CaseResult
 
-REPORTS = Path(__file__).parents[2] / "reports"
+REPORTS = Path(__file__).parents[3] / "reports"
 TEXT = """
 [[signature]]
 id = "camera-elsewhere"

@@ -16,7 +16,7 @@ from harness.__main__ import main
 from harness.model.schema import json_schema
 from harness.reports.answers.recommended import Recommended
 
-REPORTS = Path(__file__).parents[2] / "reports"
+REPORTS = Path(__file__).parents[3] / "reports"
 
 
 @pytest.fixture(autouse=True)

@@ -161,7 +161,7 @@ def test_markup_is_text() -> None:
     assert any("IndexError: [bold]x[/bold]" in line for line in lines)
 
 
-REPORTS = sorted((Path(__file__).parents[2] / "reports").glob("*/report.json"))
+REPORTS = sorted((Path(__file__).parents[3] / "reports").glob("*/report.json"))
 
 
 @pytest.mark.parametrize("width", [80, 100, 140])

@@ -29,7 +29,7 @@ from harness.running import open_matrix
 CRASH = End(signal=11, seconds=2.0)
 RED = Expectation(verdict=Verdict.PARTIAL, reason="known", match="no camera")
 PICTURE = b"\x89PNG not really"
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def measured(opened: Store, label: str, *failing: Check, expect: Expectation | None = None) -> CellRecord:

@@ -19,7 +19,7 @@ from harness.running import shipped_signatures, signature_files
 from harness.standalone import matching
 from harness.standalone.matching import Around, Evidence, diagnose
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 FOLDER = ROOT / "matrices" / signature_files.FOLDER
 KNOWN = signatures.read({path.name: path.read_text(encoding="utf-8") for path in sorted(FOLDER.glob("*.toml"))})
 ENOUGH = 30

@@ -11,7 +11,7 @@ from harness.matrix import matrix_file, plan, version_ranges
 from harness.matrix.matrix_types import Chosen, Expansion, Matrix
 from harness.model import Plan
 
-FOLDER = Path(__file__).parents[2] / "matrices"
+FOLDER = Path(__file__).parents[3] / "matrices"
 TASKS = {
     *("Ant", "HalfCheetah", "Hopper", "Humanoid", "HumanoidStandup", "InvertedDoublePendulum", "InvertedPendulum"),
     *("Pusher", "Reacher", "Swimmer", "Walker2d"),
