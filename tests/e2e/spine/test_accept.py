@@ -7,15 +7,17 @@ import json
 from commandline import Desk
 
 
-def test_accepted_cells_are_as_expected(kept: Desk) -> None:
+def test_accepted_cells_are_as_expected(desk_with_results: Desk) -> None:
     """The new table is printed and added to the file, the rest of the file stays, and the next run ends with 0."""
-    path = kept.folder / "small.toml"
+    path = desk_with_results.folder / "small.toml"
     before = path.read_text()
-    assert kept.run("run", "small.toml").code == 1
+    assert desk_with_results.run("run", "small.toml").code == 1
 
-    tried = kept.run("accept", "small.toml", "-k", "*", "--reason", "it draws nothing", "--dry-run")
+    tried = desk_with_results.run("accept", "small.toml", "-k", "*", "--reason", "it draws nothing", "--dry-run")
     assert path.read_text() == before
-    made = kept.run("accept", "small.toml", "-k", "*", "--reason", "it draws nothing", "--until", "2999-12-31")
+    made = desk_with_results.run(
+        "accept", "small.toml", "-k", "*", "--reason", "it draws nothing", "--until", "2999-12-31"
+    )
 
     assert (tried.code, made.code) == (0, 0)
     assert path.read_text() == before + "\n" + made.out
@@ -26,35 +28,35 @@ def test_accepted_cells_are_as_expected(kept: Desk) -> None:
     )
     assert tried.out == made.out.replace('until = "2999-12-31"\n', "")
     assert made.err == "small.toml: 1 cell accepted with 1 table\n"
-    assert kept.run("run", "small.toml").code == 0
-    again = kept.run("accept", "small.toml", "-k", "*", "--reason", "again")
+    assert desk_with_results.run("run", "small.toml").code == 0
+    again = desk_with_results.run("accept", "small.toml", "-k", "*", "--reason", "again")
     assert (again.code, again.out, again.err) == (
         0, "", "nothing to accept: 2 cells of these work or are red as expected\n"
     )  # fmt: skip
 
 
-def test_a_report_from_elsewhere(kept: Desk) -> None:
+def test_a_report_from_elsewhere(desk_with_results: Desk) -> None:
     """`--report` uses the results of other machines; if they differ, nothing is accepted and the exit code is 1."""
-    report = kept.state / "reports" / "small" / "report.json"
+    report = desk_with_results.state / "reports" / "small" / "report.json"
     made = json.loads(report.read_text())
     red = next(cell for cell in made["cells"] if cell["verdict"] == "partial")
     made["cells"].append({**red, "verdict": "works", "machine": "elsewhere", "decisive": None, "phase": None})
     report.write_text(json.dumps(made))
 
-    mixed = kept.run("accept", "small.toml", "-k", "*-blank", "--reason", "x", "--report", "small")
+    mixed = desk_with_results.run("accept", "small.toml", "-k", "*-blank", "--reason", "x", "--report", "small")
 
     here = red["machine"]
     assert (mixed.code, mixed.out) == (1, "")
     assert f"{red['id']}: partial on {here}, works on elsewhere; no expectation fits them all" in mixed.err
 
 
-def test_mistakes(kept: Desk) -> None:
+def test_mistakes(desk_with_results: Desk) -> None:
     """Bad input ends with code 2 and writes nothing.
 
     No such cell, nothing measured, another matrix, a day that has passed, or no reason.
     """
-    path = kept.folder / "small.toml"
-    report = kept.state / "reports" / "small"
+    path = desk_with_results.folder / "small.toml"
+    report = desk_with_results.state / "reports" / "small"
     path.write_text(path.read_text().replace("requirements = [", 'requirements = ["fake-plain", '))
     before = path.read_text()
     wrong = {
@@ -65,7 +67,7 @@ def test_mistakes(kept: Desk) -> None:
         ("-k", "*", "--reason", " "): "say why these cells are red",
     }
     for arguments, sentence in wrong.items():
-        ran = kept.run("accept", "small.toml", *arguments)
+        ran = desk_with_results.run("accept", "small.toml", *arguments)
         assert (ran.code, ran.out) == (2, "")
         assert sentence in ran.err
     assert path.read_text() == before

@@ -10,12 +10,12 @@ import pytest
 from commandline import SMALL, Desk
 
 
-def test_a_reader_that_goes_away_changes_no_exit_code(kept: Desk) -> None:
+def test_a_reader_that_goes_away_changes_no_exit_code(desk_with_results: Desk) -> None:
     """`run | head -1` of a red matrix is 1, and its report is written; `report | head -1` of a green one is 0."""
-    report = kept.state / "reports" / "small" / "report.json"
+    report = desk_with_results.state / "reports" / "small" / "report.json"
     report.unlink()
     for words, code in ((("run", "small.toml"), 1), (("report", "quickstart"), 0)):
-        with kept.started(*words) as process:
+        with desk_with_results.started(*words) as process:
             assert process.stdout
             process.stdout.close()
             ended = process.wait(timeout=120)

@@ -18,9 +18,9 @@ Changed = Callable[..., CommandResult]
 
 
 @pytest.fixture
-def changed(kept: Desk) -> Changed:
+def changed(desk_with_results: Desk) -> Changed:
     """Return a function that runs the matrix with a copy of the package in which one text of a file is replaced."""
-    copy = kept.folder / "copy"
+    copy = desk_with_results.folder / "copy"
     shutil.copytree(PACKAGE, copy / "harness", ignore=shutil.ignore_patterns("__pycache__", "matrices"))
     (copy / "matrices").symlink_to(PACKAGE.parent / "matrices")
 
@@ -29,7 +29,7 @@ def changed(kept: Desk) -> Changed:
         text = path.read_text()
         assert old in text
         path.write_text(text.replace(old, new, 1))
-        return kept.run("run", "small.toml", "--json", PYTHONPATH=str(copy))
+        return desk_with_results.run("run", "small.toml", "--json", PYTHONPATH=str(copy))
 
     return run
 
@@ -60,38 +60,40 @@ def said(ran: CommandResult) -> dict[str, Any]:
         ("incell/cell_episode.py", '"""', '"""In other words: '),
     ],
 )
-def test_words_about_code_measure_nothing(kept: Desk, changed: Changed, file: str, old: str, new: str) -> None:
+def test_words_about_code_measure_nothing(
+    desk_with_results: Desk, changed: Changed, file: str, old: str, new: str
+) -> None:
     """A changed comment in judging code, or docstring in cell code, causes no measurement."""
-    before, runs = evidence(kept), asked(kept)
-    known = said(kept.run("run", "small.toml", "--json"))
+    before, runs = evidence(desk_with_results), asked(desk_with_results)
+    known = said(desk_with_results.run("run", "small.toml", "--json"))
 
     assert said(changed(file, old, new)) == known
-    assert (evidence(kept), asked(kept)) == (before, runs)
+    assert (evidence(desk_with_results), asked(desk_with_results)) == (before, runs)
 
 
-def test_other_judging_says_something_else_of_the_same_evidence(kept: Desk, changed: Changed) -> None:
+def test_other_judging_says_something_else_of_the_same_evidence(desk_with_results: Desk, changed: Changed) -> None:
     """A changed message is applied to stored evidence: the affected cell is judged again, and nothing is measured."""
-    before, runs = evidence(kept), asked(kept)
-    known = said(kept.run("run", "small.toml", "--json"))
+    before, runs = evidence(desk_with_results), asked(desk_with_results)
+    known = said(desk_with_results.run("run", "small.toml", "--json"))
     again = said(changed("model/words.toml", '"render.blank" = "blank frame', '"render.blank" = "empty frame'))
 
     verdict, line, reused = known["blank"]
     assert line.startswith("ContractViolation: blank frame")
     assert again == {**known, "blank": (verdict, line.replace("blank frame", "empty frame"), reused)}
-    assert (evidence(kept), asked(kept)) == (before, runs)
+    assert (evidence(desk_with_results), asked(desk_with_results)) == (before, runs)
 
 
-def test_a_changed_check_is_measured_alone(kept: Desk, changed: Changed) -> None:
+def test_a_changed_check_is_measured_alone(desk_with_results: Desk, changed: Changed) -> None:
     """A changed check is measured once for each case, alone; stored evidence stays as it was."""
-    before, runs = evidence(kept), asked(kept)
-    known = said(kept.run("run", "small.toml", "--json"))
+    before, runs = evidence(desk_with_results), asked(desk_with_results)
+    known = said(desk_with_results.run("run", "small.toml", "--json"))
     path = PACKAGE / "incell" / "check_vector_sync.py"
     end = path.read_text().splitlines()[-1]
     again = said(changed("incell/check_vector_sync.py", end, f"{end}\n\n\nCHANGED = True"))
 
     assert {name: told[:2] for name, told in again.items()} == {name: told[:2] for name, told in known.items()}
-    new = sorted(asked(kept))
+    new = sorted(asked(desk_with_results))
     for one in runs:
         new.remove(one)
     assert set(new) == {("vector.sync",)}
-    assert before.items() <= evidence(kept).items()
+    assert before.items() <= evidence(desk_with_results).items()

@@ -42,26 +42,26 @@ def small(desk: Desk, variables: dict[str, str], *options: str) -> tuple[Command
     return ran, ran.cells("which")
 
 
-def test_a_failure_stands_where_the_control_works(kept: Desk) -> None:
+def test_a_failure_stands_where_the_control_works(desk_with_results: Desk) -> None:
     """The control runs once, after something failed; the next run reuses its result and has nothing to do."""
-    good = control(kept, "fake-healthy", "fake_healthy:Healthy-v0")
-    ran, cells = small(kept, good)
+    good = control(desk_with_results, "fake-healthy", "fake_healthy:Healthy-v0")
+    ran, cells = small(desk_with_results, good)
     assert (ran.code, cells["blank"]["verdict"], cells["blank"]["decisive"]) == (1, "partial", FRAME)
     assert cells["blank"]["controls"] == {"gymnasium": {"control": "control known"}}
     assert "controls" not in cells["good"]
     assert SAYS in ran.err
-    again = kept.run("run", "small.toml", **good)
+    again = desk_with_results.run("run", "small.toml", **good)
     assert "nothing to do: all 2 cells were measured before" in again.out
     assert SAYS not in again.err
 
 
-def test_a_failure_that_the_control_shares_says_nothing_about_packages(kept: Desk) -> None:
+def test_a_failure_that_the_control_shares_says_nothing_about_packages(desk_with_results: Desk) -> None:
     """A cell whose control fails in the same way is inconclusive, with the control's line.
 
     Cells that work keep their verdict. With a working control the cell is red again.
     """
-    bad = control(kept, "fake-blank-frame", "fake_blank_frame:BlankFrame-v0")
-    ran, cells = small(kept, bad)
+    bad = control(desk_with_results, "fake-blank-frame", "fake_blank_frame:BlankFrame-v0")
+    ran, cells = small(desk_with_results, bad)
     line = f"control known fails, too, in render.rgb_array: {FRAME} (here: {FRAME})"
     assert (ran.code, cells["good"]["verdict"], cells["blank"]["verdict"]) == (3, "works", "inconclusive")
     assert (cells["blank"]["phase"], cells["blank"]["decisive"], cells["blank"]["as_expected"]) == (
@@ -70,17 +70,17 @@ def test_a_failure_that_the_control_shares_says_nothing_about_packages(kept: Des
         None,
     )
     assert cells["blank"]["phases"]["single"] == "passed"
-    shown = kept.run("show", "*-blank")
+    shown = desk_with_results.run("show", "*-blank")
     assert f"? inconclusive in render\n  {line}" in shown.out
-    assert kept.run("report", "small").code == 3
-    good = control(kept, "fake-healthy", "fake_healthy:Healthy-v0")
-    mended, cells = small(kept, good)
+    assert desk_with_results.run("report", "small").code == 3
+    good = control(desk_with_results, "fake-healthy", "fake_healthy:Healthy-v0")
+    mended, cells = small(desk_with_results, good)
     assert (mended.code, cells["blank"]["verdict"], cells["blank"]["decisive"]) == (1, "partial", FRAME)
 
 
-def test_a_control_that_fails_elsewhere_leaves_a_failure_alone(kept: Desk) -> None:
+def test_a_control_that_fails_elsewhere_leaves_a_failure_alone(desk_with_results: Desk) -> None:
     """Failing vector workers of a control do not explain a blank frame."""
-    ran, cells = small(kept, control(kept, "fake-worker", "fake_worker:Raises-v0"))
+    ran, cells = small(desk_with_results, control(desk_with_results, "fake-worker", "fake_worker:Raises-v0"))
     assert (ran.code, cells["blank"]["verdict"], cells["blank"]["decisive"]) == (1, "partial", FRAME)
     assert list(cells["blank"]["controls"]["gymnasium"]["failed"]) == ["vector.async.fork"]
 
@@ -94,11 +94,13 @@ def test_a_control_that_fails_elsewhere_leaves_a_failure_alone(kept: Desk) -> No
     ids=["no Python", "offline"],
 )
 def test_a_control_that_cannot_be_run_changes_nothing(
-    python: str, options: tuple[str, ...], without: tuple[str, ...], why: str, kept: Desk
+    python: str, options: tuple[str, ...], without: tuple[str, ...], why: str, desk_with_results: Desk
 ) -> None:
     """A control that cannot be run leaves the failure as it is; the report says that it was not compared, and why."""
-    given = control(kept, "fake-healthy", "fake_healthy:Healthy-v0", python=python)
-    ran, cells = small(kept, {name: value for name, value in given.items() if name not in without}, *options)
+    given = control(desk_with_results, "fake-healthy", "fake_healthy:Healthy-v0", python=python)
+    ran, cells = small(
+        desk_with_results, {name: value for name, value in given.items() if name not in without}, *options
+    )
     text = (
         "whether the adapter gymnasium works on this machine is not known: the control known could not be run: " + why
     )
@@ -107,13 +109,13 @@ def test_a_control_that_cannot_be_run_changes_nothing(
     assert [(one["level"], one["text"][: len(text)]) for one in found] == [("note", text)]
 
 
-def test_another_file_than_the_known_good_one_is_no_control(kept: Desk) -> None:
+def test_another_file_than_the_known_good_one_is_no_control(desk_with_results: Desk) -> None:
     """A wheel with another hash, from whatever index, proves nothing."""
-    given = control(kept, "fake-healthy", "fake_healthy:Healthy-v0")
-    lock = kept.folder / "controls" / "known.txt"
-    digest = hashlib.sha256(next(kept.wheels.glob("fake_healthy-*.whl")).read_bytes()).hexdigest()
+    given = control(desk_with_results, "fake-healthy", "fake_healthy:Healthy-v0")
+    lock = desk_with_results.folder / "controls" / "known.txt"
+    digest = hashlib.sha256(next(desk_with_results.wheels.glob("fake_healthy-*.whl")).read_bytes()).hexdigest()
     lock.write_text(lock.read_text().replace(digest, "0" * 64))
-    ran, cells = small(kept, given)
+    ran, cells = small(desk_with_results, given)
     assert ran.code == 1
     assert cells["blank"]["controls"]["gymnasium"]["untold"] == (
         "the control known could not be run: "
@@ -121,14 +123,14 @@ def test_another_file_than_the_known_good_one_is_no_control(kept: Desk) -> None:
     )
 
 
-def test_try_and_the_pytest_face_ask_the_control_too(kept: Desk) -> None:
+def test_try_and_the_pytest_face_ask_the_control_too(desk_with_results: Desk) -> None:
     """`try` exits with 3 and quotes the control's line; the pytest item of the failed phase fails as inconclusive."""
-    bad = control(kept, "fake-blank-frame", "fake_blank_frame:BlankFrame-v0")
-    tried = kept.run("try", "fake-blank-frame==1.0", "--env", "fake_blank_frame:BlankFrame-v0", **bad)
+    bad = control(desk_with_results, "fake-blank-frame", "fake_blank_frame:BlankFrame-v0")
+    tried = desk_with_results.run("try", "fake-blank-frame==1.0", "--env", "fake_blank_frame:BlankFrame-v0", **bad)
     line = f"control known fails, too, in render.rgb_array: {FRAME} (here: {FRAME})"
     assert (tried.code, tried.out.splitlines()[1]) == (3, line)
     arguments = ("--pyargs", "harness.smoke", "--matrix", "small.toml", "-rf", "-k", "blank and (render or verdict)")
-    face = kept.run(*arguments, module="pytest", **bad)
+    face = desk_with_results.run(*arguments, module="pytest", **bad)
     assert f"inconclusive: {line}" in face.out
     assert (face.code, face.out.count("FAILED ")) == (1, 2)
 
@@ -146,10 +148,10 @@ def test_fetch_brings_controls(desk: Desk) -> None:
     assert (ran.code, ran.cells("which")["blank"]["verdict"]) == (3, "inconclusive")
 
 
-def test_controls_that_cannot_be_read_are_said_before_anything_is_measured(kept: Desk) -> None:
+def test_controls_that_cannot_be_read_are_said_before_anything_is_measured(desk_with_results: Desk) -> None:
     """Unreadable controls are bad input at the start of a run, not only when something first fails."""
-    missing = kept.folder / "nowhere"
-    ran = kept.run("run", "small.toml", "--fresh", "-k", "*good*", HARNESS_CONTROLS=str(missing))
+    missing = desk_with_results.folder / "nowhere"
+    ran = desk_with_results.run("run", "small.toml", "--fresh", "-k", "*good*", HARNESS_CONTROLS=str(missing))
     assert (ran.code, ran.err) == (
         2,
         f"simmatrix: {missing}/controls.toml: cannot be read: No such file or directory; "

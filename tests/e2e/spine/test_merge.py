@@ -5,28 +5,30 @@ from __future__ import annotations
 from commandline import Desk
 
 
-def test_shards_are_one_report(kept: Desk) -> None:
+def test_shards_are_one_report(desk_with_results: Desk) -> None:
     """In any order and twice: verdicts, files and exit code of the whole; a shard that is missing is a gap."""
     for part in ("1/2", "2/2"):
         name = part[0]
-        shard = kept.run("run", "small.toml", "--shard", part, "--out", f"parts/{name}", HARNESS_STATE=f"state-{name}")
+        shard = desk_with_results.run(
+            "run", "small.toml", "--shard", part, "--out", f"parts/{name}", HARNESS_STATE=f"state-{name}"
+        )
         assert shard.code in {0, 1}
 
-    merged = kept.run("merge", "parts/2", "parts", "--out", "all", "--json", "--fail-on", "not_run")
-    whole = kept.run("report", "small", "--json").document
+    merged = desk_with_results.run("merge", "parts/2", "parts", "--out", "all", "--json", "--fail-on", "not_run")
+    whole = desk_with_results.run("report", "small", "--json").document
     assert merged.code == 0
     assert merged.err == "2 reports merged: 2 cells, none not run\nreport: all\n"
     assert _told(merged.document) == _told(whole)
     for cell in merged.document["cells"]:
         paths = [cell["lock"], cell["evidence"], *(frame for case in cell["cases"] for frame in case["frames"])]
-        assert all((kept.folder / path).exists() for path in paths)
+        assert all((desk_with_results.folder / path).exists() for path in paths)
         assert all(path.startswith("all/") for path in paths)
-    assert kept.run("merge", "parts").code == 1
+    assert desk_with_results.run("merge", "parts").code == 1
 
-    gap = kept.run("merge", "parts/1", "--json", "--fail-on", "not_run")
+    gap = desk_with_results.run("merge", "parts/1", "--json", "--fail-on", "not_run")
     assert (gap.code, [cell["verdict"] for cell in gap.document["cells"]].count("not_run")) == (1, 1)
-    page = kept.run("report", "all", "--format", "md").out
-    assert page == (kept.folder / "all" / "report.md").read_text()
+    page = desk_with_results.run("report", "all", "--format", "md").out
+    assert page == (desk_with_results.folder / "all" / "report.md").read_text()
 
 
 def _told(document: dict[str, list[dict[str, object]]]) -> list[tuple[object, ...]]:

@@ -36,10 +36,10 @@ def minor(desk: Desk) -> str:
 
 
 @pytest.fixture
-def nox_desk(kept: Desk) -> Desk:
+def nox_desk(desk_with_results: Desk) -> Desk:
     """Return a working folder with a noxfile, in which the small matrix was run before."""
-    (kept.folder / "noxfile.py").write_text(NOXFILE)
-    return kept
+    (desk_with_results.folder / "noxfile.py").write_text(NOXFILE)
+    return desk_with_results
 
 
 def test_sessions_are_listed_as_they_can_be_selected(nox_desk: Desk) -> None:

@@ -148,16 +148,18 @@ def test_a_red_cell_that_nobody_expects_is_1(small: DeskRun) -> None:
     ],
     ids=["fits", "line", "phase", "verdict", "past", "future", "better", "stale-allowed", "kept-cells-count"],
 )
-def test_expectations(kept: Desk, expect: str, options: tuple[str, ...], code: int) -> None:
+def test_expectations(desk_with_results: Desk, expect: str, options: tuple[str, ...], code: int) -> None:
     """An expectation holds for verdict, phase and line, until its date; one that is stale fails unless allowed."""
-    matrix = kept.matrix("small", SMALL.read_text() + expect)
-    assert kept.run("run", matrix, "--json", *options).code == code
+    matrix = desk_with_results.matrix("small", SMALL.read_text() + expect)
+    assert desk_with_results.run("run", matrix, "--json", *options).code == code
 
 
-def test_an_expectation_of_no_cell_is_stale(kept: Desk) -> None:
+def test_an_expectation_of_no_cell_is_stale(desk_with_results: Desk) -> None:
     """An expectation that nothing fits is named, and fails."""
-    kept.matrix("small", SMALL.read_text() + RED + RED.replace('when = { which = "blank" }', 'cells = "*-x"'))
-    ran = kept.run("run", "small.toml", "--json")
+    desk_with_results.matrix(
+        "small", SMALL.read_text() + RED + RED.replace('when = { which = "blank" }', 'cells = "*-x"')
+    )
+    ran = desk_with_results.run("run", "small.toml", "--json")
     assert ran.code == 1
     assert ran.document["stale"] == ['small.toml: expect[1] matches no cell (reason: "it paints black")']
 
@@ -200,25 +202,25 @@ def test_bad_input_is_2(desk: Desk, arguments: tuple[str, ...]) -> None:
 # --- again -----------------------------------------------------------------------------------------------------
 
 
-def test_a_second_run_has_nothing_to_do(kept: Desk) -> None:
+def test_a_second_run_has_nothing_to_do(desk_with_results: Desk) -> None:
     """Results are reused, even without the cache and the network, and the run says so."""
-    ran = kept.run("run", "small.toml", "--offline", HARNESS_CACHE=str(kept.folder / "empty"))
+    ran = desk_with_results.run("run", "small.toml", "--offline", HARNESS_CACHE=str(desk_with_results.folder / "empty"))
     assert "nothing to do: all 2 cells were measured before, under the same keys\n" in ran.out
     assert ran.out.splitlines()[-1] == "report: .harness/reports/small"
-    document = json.loads((kept.state / "reports" / "small" / "report.json").read_text())
+    document = json.loads((desk_with_results.state / "reports" / "small" / "report.json").read_text())
     assert [cell["reused"] for cell in document["cells"]] == [True, True]
 
 
-def test_the_second_report_says_the_same(kept: Desk, small: DeskRun) -> None:
+def test_the_second_report_says_the_same(desk_with_results: Desk, small: DeskRun) -> None:
     """Reuse changes nothing of what a report says but that it was reused."""
-    again = kept.run("run", "small.toml", "--json")
+    again = desk_with_results.run("run", "small.toml", "--json")
     assert again.code == small.ran.code
     assert _without_paths(again.document) == _without_paths(small.ran.document)
 
 
-def test_fresh_measures_again_from_the_caches(kept: Desk) -> None:
+def test_fresh_measures_again_from_the_caches(desk_with_results: Desk) -> None:
     """`--fresh --offline` takes environments and packages from the caches, and results from nowhere."""
-    ran = kept.run("run", "small.toml", "--fresh", "--offline", "-k", "*-good", "--json")
+    ran = desk_with_results.run("run", "small.toml", "--fresh", "--offline", "-k", "*-good", "--json")
     cell = ran.cells("which")["good"]
     assert (cell["verdict"], cell["reused"]) == ("works", False)
 
@@ -244,24 +246,26 @@ def test_what_was_resolved_offline_is_resolved_again_with_the_network(desk: Desk
         pytest.param(("[axes]", '[axes.more]\nx = { environment = { ANOTHER = "1" } }\n[axes]'), None, id="variable"),
     ],
 )
-def test_what_was_changed_is_measured_again(change: tuple[str, str], again: set[str] | None, kept: Desk) -> None:
+def test_what_was_changed_is_measured_again(
+    change: tuple[str, str], again: set[str] | None, desk_with_results: Desk
+) -> None:
     """Settings and variables of a cell are part of its results' key: only the changed cells are measured again."""
-    matrix = kept.matrix("small", SMALL.read_text().replace(*change, 1))
-    cells = kept.run("run", matrix, "--until", "single", "--json").cells("which")
+    matrix = desk_with_results.matrix("small", SMALL.read_text().replace(*change, 1))
+    cells = desk_with_results.run("run", matrix, "--until", "single", "--json").cells("which")
     known = again if again is not None else set(cells)
     assert {name for name, cell in cells.items() if not cell["reused"]} == known
 
 
-def test_a_variable_of_the_user_that_cells_see_is_measured_again(kept: Desk) -> None:
+def test_a_variable_of_the_user_that_cells_see_is_measured_again(desk_with_results: Desk) -> None:
     """A user's variable that reaches a cell is part of its results' key, too."""
     asked = ("run", "small.toml", "--until", "single", "-k", "*-good", "--json")
-    cells = kept.run(*asked, __EGL_VENDOR_LIBRARY_DIRS="/usr/share/glvnd/egl_vendor.d").cells("which")
+    cells = desk_with_results.run(*asked, __EGL_VENDOR_LIBRARY_DIRS="/usr/share/glvnd/egl_vendor.d").cells("which")
     assert cells["good"]["reused"] is False
 
 
-def test_what_failed_is_tried_again_on_another_system(kept: Desk) -> None:
+def test_what_failed_is_tried_again_on_another_system(desk_with_results: Desk) -> None:
     """A red phase is measured again on a changed system, for example with a new library; a passed one is reused."""
-    vault = Vault(kept.state)
+    vault = Vault(desk_with_results.state)
     claims = sorted((vault.folder / "ac").glob("*/*"))
     assert claims
     for claim in claims:
@@ -270,9 +274,9 @@ def test_what_failed_is_tried_again_on_another_system(kept: Desk) -> None:
         claim.unlink()
         for run in runs:
             vault.put(replace(run, host=replace(run.host, conditions="before")), key)
-    for path in kept.state.glob("cells/*/small/*.json"):
+    for path in desk_with_results.state.glob("cells/*/small/*.json"):
         path.write_text(re.sub(r'"mark":"\w+"', '"mark":"before"', path.read_text()))
-    cells = kept.run("run", "small.toml", "--json").cells("which")
+    cells = desk_with_results.run("run", "small.toml", "--json").cells("which")
     assert (cells["good"]["reused"], cells["blank"]["reused"]) == (True, False)
     assert cells["blank"]["verdict"] == "partial"
 
@@ -320,12 +324,12 @@ def test_until_stops_and_a_later_run_goes_on(desk: Desk) -> None:
     assert second["measured"] >= measured
 
 
-def test_out_goes_elsewhere(kept: Desk) -> None:
+def test_out_goes_elsewhere(desk_with_results: Desk) -> None:
     """`--out DIR` writes the whole report to another folder."""
-    ran = kept.run("run", "small.toml", "--out", "there")
-    document = json.loads((kept.folder / "there" / "report.json").read_text())
+    ran = desk_with_results.run("run", "small.toml", "--out", "there")
+    document = json.loads((desk_with_results.folder / "there" / "report.json").read_text())
     assert ran.out.splitlines()[-1] == "report: there"
-    assert all((kept.folder / "there" / cell["lock"]).is_file() for cell in document["cells"])
+    assert all((desk_with_results.folder / "there" / cell["lock"]).is_file() for cell in document["cells"])
 
 
 def test_progress_is_plain_lines(small: DeskRun) -> None:

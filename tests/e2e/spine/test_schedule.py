@@ -168,9 +168,9 @@ def test_memory_decides_how_many_run(desk: Desk, monkeypatch: pytest.MonkeyPatch
         assert [record.cases[0].phases[1].outcome for record in records.result()] == ["passed", "passed"]
 
 
-def test_the_peak_of_a_probe_is_recorded(kept: Desk) -> None:
+def test_the_peak_of_a_probe_is_recorded(desk_with_results: Desk) -> None:
     """The peak memory of a probe is stored with its result, for the next run."""
-    (record,) = (json.loads(path.read_text()) for path in kept.state.glob("cells/*/small/*_good.json"))
+    (record,) = (json.loads(path.read_text()) for path in desk_with_results.state.glob("cells/*/small/*_good.json"))
     peaks = [phase["peak_mb"] for case in record["cases"] for phase in case["phases"] if phase["checks"]]
     assert len(peaks) == 4
     assert all(10 < peak < 2000 for peak in peaks)
@@ -179,19 +179,19 @@ def test_the_peak_of_a_probe_is_recorded(kept: Desk) -> None:
 # --- order and parts -------------------------------------------------------------------------------------------
 
 
-def test_the_longest_goes_first(kept: Desk) -> None:
+def test_the_longest_goes_first(desk_with_results: Desk) -> None:
     """Cells start in the order of their recorded seconds, longest first, whatever the order of the plan."""
-    for path in kept.state.glob("cells/*/small/*.json"):
+    for path in desk_with_results.state.glob("cells/*/small/*.json"):
         seconds = 99.0 if path.stem.endswith("_blank") else 0.5
         path.write_text(json.dumps({**json.loads(path.read_text()), "seconds": seconds}))
-    ran = kept.run("run", "small.toml", "--fresh", "--until", "import", "-j", "1", "--offline")
+    ran = desk_with_results.run("run", "small.toml", "--fresh", "--until", "import", "-j", "1", "--offline")
     assert [line.partition(":")[0].rpartition("_")[2] for line in ran.err.splitlines()] == ["blank", "good"]
 
 
-def test_a_shard_tells_of_its_own_cells_only(kept: Desk) -> None:
+def test_a_shard_tells_of_its_own_cells_only(desk_with_results: Desk) -> None:
     """A shard reports all other cells as `not_run`, though they were measured here before: `merge` combines shards."""
-    report = kept.folder / "past.json"
-    shards = [kept.run("run", "small.toml", "--shard", f"{number}/3", "--json") for number in (1, 2, 3)]
+    report = desk_with_results.folder / "past.json"
+    shards = [desk_with_results.run("run", "small.toml", "--shard", f"{number}/3", "--json") for number in (1, 2, 3)]
     verdicts = [{name: cell["verdict"] for name, cell in shard.cells("which").items()} for shard in shards]
     assert verdicts == [
         {"good": "not_run", "blank": "partial"},
@@ -200,31 +200,33 @@ def test_a_shard_tells_of_its_own_cells_only(kept: Desk) -> None:
     ]
     assert [shard.code for shard in shards] == [1, 0, 0]
     assert shards[2].err == "shard 3/3: 0 of 2 cells\n"
-    document = json.loads((kept.state / "reports" / "small" / "report.json").read_text())
+    document = json.loads((desk_with_results.state / "reports" / "small" / "report.json").read_text())
     for cell in document["cells"]:
         cell["seconds"] = 99.0 if cell["id"].endswith("good") else 1.0
     report.write_text(json.dumps(document))
-    first = kept.run("run", "small.toml", "--shard", "1/2", "--durations", report, "--fail-on", "not_run", "--json")
+    first = desk_with_results.run(
+        "run", "small.toml", "--shard", "1/2", "--durations", report, "--fail-on", "not_run", "--json"
+    )
     assert (first.code, first.cells("which")["good"]["verdict"]) == (0, "works")
 
 
-def test_only_failed(kept: Desk) -> None:
+def test_only_failed(desk_with_results: Desk) -> None:
     """`--only-failed` measures only cells that were red and not expected to be."""
-    ran = kept.run("run", "small.toml", "--only-failed", "--json")
+    ran = desk_with_results.run("run", "small.toml", "--only-failed", "--json")
     cells = ran.cells("which")
     assert (cells["blank"]["reused"], cells["good"]["reused"]) == (False, True)
     assert [line.partition(" ")[0] for line in ran.err.splitlines()] == ["[1/1]"]
     expect = '\n[[expect]]\nwhen = { which = "blank" }\nverdict = "partial"\nreason = "it paints black"\n'
-    kept.matrix("small", SMALL.read_text() + expect)
-    ran = kept.run("run", "small.toml", "--only-failed")
+    desk_with_results.matrix("small", SMALL.read_text() + expect)
+    ran = desk_with_results.run("run", "small.toml", "--only-failed")
     assert (ran.code, ran.err) == (0, "nothing failed: no cell was inconclusive or unexpected when it was last run\n")
     assert "nothing was measured\n" in ran.out
 
 
-def test_less_is_not_kept_over_more(kept: Desk) -> None:
+def test_less_is_not_kept_over_more(desk_with_results: Desk) -> None:
     """`lock` after `run` keeps the results measured with the same lock."""
-    kept.run("lock", "small.toml")
-    cells = kept.run("report", "--json").cells("which")
+    desk_with_results.run("lock", "small.toml")
+    cells = desk_with_results.run("report", "--json").cells("which")
     assert {name: cell["verdict"] for name, cell in cells.items()} == {"good": "works", "blank": "partial"}
 
 
@@ -257,18 +259,18 @@ def test_until_install_then_offline(desk: Desk, serve: Callable[..., str], tmp_p
 # --- nothing changed ---------------------------------------------------------------------------------------------
 
 
-def test_what_stands_is_left_alone(kept: Desk) -> None:
+def test_what_stands_is_left_alone(desk_with_results: Desk) -> None:
     """A run without changes writes no record and no report; an edited report is written again."""
-    kept.run("run", "small.toml")
-    folder = kept.state / "reports" / "small"
-    files = [*kept.state.glob("cells/*/small/*.json"), *folder.rglob("*.*")]
+    desk_with_results.run("run", "small.toml")
+    folder = desk_with_results.state / "reports" / "small"
+    files = [*desk_with_results.state.glob("cells/*/small/*.json"), *folder.rglob("*.*")]
     before = {path: (path.stat().st_mtime_ns, path.stat().st_ino) for path in files}
-    ran = kept.run("run", "small.toml")
+    ran = desk_with_results.run("run", "small.toml")
     assert {path: (path.stat().st_mtime_ns, path.stat().st_ino) for path in files} == before
     assert "nothing to do: all 2 cells were measured before, under the same keys\n" in ran.out
     (folder / "report.md").write_text("somebody else's\n")
-    kept.run("run", "small.toml")
+    desk_with_results.run("run", "small.toml")
     assert "## Combinations" in (folder / "report.md").read_text()
     expect = '\n[[expect]]\nwhen = { which = "blank" }\nverdict = "partial"\nreason = "it paints black"\n'
-    kept.matrix("small", SMALL.read_text() + expect)
-    assert "it paints black" in kept.run("run", "small.toml").out
+    desk_with_results.matrix("small", SMALL.read_text() + expect)
+    assert "it paints black" in desk_with_results.run("run", "small.toml").out

@@ -56,30 +56,32 @@ def test_items_are_cells_by_cases_by_phases(desk: Desk) -> None:
     assert not {path.name for path in desk.state.glob("*")} & {"locks", "steps", "evidence", "results", "cells"}
 
 
-def test_a_red_cell_fails_where_it_failed_and_as_a_whole(kept: Desk) -> None:
+def test_a_red_cell_fails_where_it_failed_and_as_a_whole(desk_with_results: Desk) -> None:
     """The message is the decisive line, the check and its evidence, without a traceback."""
-    ran = smoke(kept)
+    ran = smoke(desk_with_results)
     assert ran.code == 1
     assert ended(ran, "FAILED") == [f"{BLANK}::{FRAME}::render - {WHY}", f"{BLANK}::verdict - partial in render: {WHY}"]
     told = ran.out.partition(" render ___")[2].split("\n", 1)[1].splitlines()[:3]
     assert told[:2] == [WHY, "render.rgb_array failed"]
-    assert (kept.folder / told[2].removeprefix("evidence: ")).is_dir()
+    assert (desk_with_results.folder / told[2].removeprefix("evidence: ")).is_dir()
     assert "Traceback" not in ran.out
     assert ran.out.splitlines()[-1].strip("= ").startswith("2 failed, 16 passed")
 
 
-def test_an_expected_failure_is_a_strict_xfail(kept: Desk) -> None:
+def test_an_expected_failure_is_a_strict_xfail(desk_with_results: Desk) -> None:
     """A cell that is red as expected fails nothing; one that does better fails its verdict."""
-    kept.matrix("small", SMALL.read_text() + RED)
-    ran = smoke(kept)
+    desk_with_results.matrix("small", SMALL.read_text() + RED)
+    ran = smoke(desk_with_results)
     assert (ran.code, ended(ran, "FAILED")) == (0, [])
     assert ended(ran, "XFAIL") == [
         f"{BLANK}::{FRAME}::render - {WHY} (it paints black)",
         f"{BLANK}::verdict - partial in render: it paints black",
     ]
     better = RED.replace('"blank"', '"good"', 1)
-    kept.matrix("small", SMALL.read_text() + RED + better + RED.replace('which = "blank"', 'which = "odd"'))
-    ran = smoke(kept)
+    desk_with_results.matrix(
+        "small", SMALL.read_text() + RED + better + RED.replace('which = "blank"', 'which = "odd"')
+    )
+    ran = smoke(desk_with_results)
     assert ran.code == 1
     assert ended(ran, "FAILED") == [
         f"{GOOD}::verdict - [XPASS(strict)] {GOOD} does better than expected: works instead of partial "
@@ -88,10 +90,10 @@ def test_an_expected_failure_is_a_strict_xfail(kept: Desk) -> None:
     ]
 
 
-def test_another_failure_than_the_expected_one_fails(kept: Desk) -> None:
+def test_another_failure_than_the_expected_one_fails(desk_with_results: Desk) -> None:
     """A failure whose line differs from the expected one is a failure."""
-    kept.matrix("small", SMALL.read_text() + RED.replace('"blank frame"', '"no display"'))
-    ran = smoke(kept)
+    desk_with_results.matrix("small", SMALL.read_text() + RED.replace('"blank frame"', '"no display"'))
+    ran = smoke(desk_with_results)
     assert (ran.code, ended(ran, "XFAIL")) == (1, [])
     assert ended(ran, "FAILED") == [f"{BLANK}::{FRAME}::render - {WHY}", f"{BLANK}::verdict - partial in render: {WHY}"]
 
@@ -118,21 +120,21 @@ def test_a_phase_asked_for_alone_runs_what_it_needs(workers: tuple[str, ...], de
     assert not [text for text in measured if '"phase":"vector"' in text]
 
 
-def test_node_ids_are_arguments_as_they_are_printed(kept: Desk) -> None:
+def test_node_ids_are_arguments_as_they_are_printed(desk_with_results: Desk) -> None:
     """Node ids of items, cases and cells are arguments, though they name no file; an unknown id is a usage error."""
     asked = ("--matrix", "small.toml", "-v")
-    ran = kept.run(*asked, f"{BLANK}::{FRAME}::single", f"{GOOD}::{HEALTHY}", module="pytest")
+    ran = desk_with_results.run(*asked, f"{BLANK}::{FRAME}::single", f"{GOOD}::{HEALTHY}", module="pytest")
     chosen = [f"{GOOD}::{HEALTHY}::{phase}" for phase in PHASES] + [f"{BLANK}::{FRAME}::single"]
     assert re.findall(r"(?m)^(\S+::\S+) PASSED", ran.out) == chosen
-    spread = kept.run(*asked, f"{BLANK}::{FRAME}::single", "-n", "1", module="pytest")
+    spread = desk_with_results.run(*asked, f"{BLANK}::{FRAME}::single", "-n", "1", module="pytest")
     assert (spread.code, "1 passed" in spread.out) == (0, True)
-    ran = kept.run(*asked, f"small/{PREFIX}_bad::verdict", module="pytest")
+    ran = desk_with_results.run(*asked, f"small/{PREFIX}_bad::verdict", module="pytest")
     assert (ran.code, ran.err) == (4, f"ERROR: file or directory not found: small/{PREFIX}_bad::verdict\n\n")
 
 
-def test_markers_choose_phases(kept: Desk) -> None:
+def test_markers_choose_phases(desk_with_results: Desk) -> None:
     """`-m PHASE` selects the items of that phase, and deselected items are not judged."""
-    ran = smoke(kept, "-m", "single or render", "--strict-markers")
+    ran = smoke(desk_with_results, "-m", "single or render", "--strict-markers")
     assert (ran.code, ended(ran, "FAILED")) == (1, [f"{BLANK}::{FRAME}::render - {WHY}"])
     assert ran.out.splitlines()[-1].strip("= ").startswith("1 failed, 5 passed, 12 deselected")
 
@@ -175,12 +177,12 @@ def test_what_was_measured_in_part_is_no_record(desk: Desk) -> None:
     assert list(desk.state.glob("vault/ac/*/*"))
 
 
-def test_fresh_measures_each_case_once(kept: Desk) -> None:
+def test_fresh_measures_each_case_once(desk_with_results: Desk) -> None:
     """`--matrix-fresh` measures known results again, but once for all items of a case."""
-    before = runs(kept)
-    ran = smoke(kept, "--matrix-fresh", "-k", "good", "--durations=0", "-n", "1")
+    before = runs(desk_with_results)
+    ran = smoke(desk_with_results, "--matrix-fresh", "-k", "good", "--durations=0", "-n", "1")
     assert ran.code == 0
-    assert runs(kept) - before == 2  # one process for all checks, and one for its loop to be compared with
+    assert runs(desk_with_results) - before == 2  # one process for all checks, and one for its loop to be compared with
 
 
 def runs(desk: Desk) -> int:
@@ -191,12 +193,12 @@ def runs(desk: Desk) -> int:
 # --- JUnit -----------------------------------------------------------------------------------------------------
 
 
-def test_junit_has_one_suite_per_cell(kept: Desk) -> None:
+def test_junit_has_one_suite_per_cell(desk_with_results: Desk) -> None:
     """Each cell has a JUnit suite with its own counts and facts; a user's functions stay in pytest's own suite."""
-    (kept.folder / "test_mine.py").write_text("def test_mine(): pass\n")
-    ran = smoke(kept, "test_mine.py", "--junitxml=j.xml", "-n", "2")
+    (desk_with_results.folder / "test_mine.py").write_text("def test_mine(): pass\n")
+    ran = smoke(desk_with_results, "test_mine.py", "--junitxml=j.xml", "-n", "2")
     assert ran.code == 1
-    suites = {suite.get("name"): suite for suite in ET.parse(kept.folder / "j.xml").getroot()}
+    suites = {suite.get("name"): suite for suite in ET.parse(desk_with_results.folder / "j.xml").getroot()}
     counts = {
         name: tuple(int(suite.get(count, "")) for count in ("tests", "failures", "errors", "skipped"))
         for name, suite in suites.items()
@@ -251,15 +253,15 @@ def test_env(env, cell):
 """
 
 
-def test_functions_of_a_user_run_once_for_each_cell_and_case(kept: Desk) -> None:
+def test_functions_of_a_user_run_once_for_each_cell_and_case(desk_with_results: Desk) -> None:
     """A user's function runs once for each cell and case, and its `cell.run` code in the cell alone.
 
     A fixture of the user's own is left alone.
     """
-    (kept.folder / "test_mine.py").write_text(MINE)
-    (kept.folder / "test_theirs.py").write_text(THEIRS)
+    (desk_with_results.folder / "test_mine.py").write_text(MINE)
+    (desk_with_results.folder / "test_theirs.py").write_text(THEIRS)
     asked = ("test_mine.py", "test_theirs.py", "-v", "-rf", "--matrix", "small.toml")
-    ran = kept.run(*asked, module="pytest")
+    ran = desk_with_results.run(*asked, module="pytest")
     assert ran.code == 1
     failed = f"test_mine.py::test_not_in_the_cell[{GOOD}] - harness.smoke.tried.CellFailed: {GOOD}: exit code 1"
     assert ended(ran, "FAILED") == [failed, failed.replace(GOOD, BLANK)]
@@ -267,20 +269,20 @@ def test_functions_of_a_user_run_once_for_each_cell_and_case(kept: Desk) -> None
     assert ran.out.splitlines()[-1].strip("= ").startswith("2 failed, 8 passed")
     for name in (f"test_version[{BLANK}]", f"test_make[{BLANK}-{FRAME}]", "test_other[1]", "test_env"):
         assert re.search(rf"::{re.escape(name)} PASSED", ran.out)
-    spread = kept.run(*asked, "-n", "2", "-k", "version or env", module="pytest")
+    spread = desk_with_results.run(*asked, "-n", "2", "-k", "version or env", module="pytest")
     assert spread.code == 0
     assert len(set(re.findall(r"\[(gw\d)\].*::test_version", spread.out))) == 1
 
 
-def test_without_a_matrix_a_function_that_asks_for_a_cell_says_so(kept: Desk) -> None:
+def test_without_a_matrix_a_function_that_asks_for_a_cell_says_so(desk_with_results: Desk) -> None:
     """Without `--matrix`, a function that uses a cell is skipped.
 
     Nothing else of the session is touched, and of our modules only the plugin is imported.
     """
-    (kept.folder / "test_mine.py").write_text(MINE)
+    (desk_with_results.folder / "test_mine.py").write_text(MINE)
     loaded = "import sys\n\ndef pytest_sessionfinish():\n    print(sorted(n for n in sys.modules if 'harness' in n))\n"
-    (kept.folder / "conftest.py").write_text(loaded)
-    ran = kept.run("test_mine.py", "-rs", "-s", module="pytest")
+    (desk_with_results.folder / "conftest.py").write_text(loaded)
+    ran = desk_with_results.run("test_mine.py", "-rs", "-s", module="pytest")
     assert ran.code == 0
     reason = "the fixture `cell` needs a matrix: pytest --matrix NAME (a matrix file, or the name of a built-in one)"
     assert ended(ran, "SKIPPED")
@@ -321,15 +323,15 @@ BAD = {
 
 
 @pytest.mark.parametrize("arguments", BAD, ids=" ".join)
-def test_bad_input_is_a_usage_error(arguments: tuple[str, ...], kept: Desk) -> None:
+def test_bad_input_is_a_usage_error(arguments: tuple[str, ...], desk_with_results: Desk) -> None:
     """Bad input is pytest's code 4 with one sentence and no traceback."""
-    ran = kept.run("--pyargs", "harness.smoke", *arguments, module="pytest")
+    ran = desk_with_results.run("--pyargs", "harness.smoke", *arguments, module="pytest")
     assert (ran.code, ran.err.strip()) == (4, BAD[arguments].strip())
 
 
-def test_an_empty_selection_is_pytests_own(kept: Desk) -> None:
+def test_an_empty_selection_is_pytests_own(desk_with_results: Desk) -> None:
     """An empty selection is pytest's code 5."""
-    assert smoke(kept, "-k", "nothing").code == 5
+    assert smoke(desk_with_results, "-k", "nothing").code == 5
 
 
 def test_an_interrupt_leaves_nothing_behind(desk: Desk) -> None:

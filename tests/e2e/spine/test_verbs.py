@@ -19,21 +19,21 @@ def test_plan_lists_cells_and_what_was_dropped(desk: Desk) -> None:
     assert not {path.name for path in desk.state.glob("*")} & {"cells", "results", "evidence", "locks", "reports"}
 
 
-def test_one_lock_is_printed_and_comes_out_the_same_again(desk: Desk, kept: Desk) -> None:
+def test_one_lock_is_printed_and_comes_out_the_same_again(desk: Desk, desk_with_results: Desk) -> None:
     """The same question has the same lock, byte for byte, from an empty state too."""
-    first = kept.run("lock", "small.toml", "-k", "*-good")
-    again = kept.run("lock", "small.toml", "-k", "*-good", "--upgrade")
+    first = desk_with_results.run("lock", "small.toml", "-k", "*-good")
+    again = desk_with_results.run("lock", "small.toml", "-k", "*-good", "--upgrade")
     assert (first.code, again.code) == (0, 0)
     assert first.out == again.out
-    assert first.out in {path.read_text() for path in kept.state.glob("locks/*.txt")}
+    assert first.out in {path.read_text() for path in desk_with_results.state.glob("locks/*.txt")}
 
 
-def test_locks_of_many_cells_are_listed(kept: Desk) -> None:
+def test_locks_of_many_cells_are_listed(desk_with_results: Desk) -> None:
     """Cells that ask the same have one lock; `--json` names its file."""
-    ran = kept.run("lock", "small.toml", "--json")
+    ran = desk_with_results.run("lock", "small.toml", "--json")
     paths = {cell["lock"] for cell in ran.document["cells"]}
     assert (ran.code, len(ran.document["cells"]), len(paths)) == (0, 2, 1)
-    assert (kept.folder / paths.pop()).read_text().startswith("cloudpickle==")
+    assert (desk_with_results.folder / paths.pop()).read_text().startswith("cloudpickle==")
 
 
 def test_a_cell_without_a_lock_is_1(desk: Desk) -> None:
@@ -49,45 +49,45 @@ def test_a_cell_without_a_lock_is_1(desk: Desk) -> None:
     assert cell["decisive"].startswith("Because only fake-plain>=1.0 is available")
 
 
-def test_report_makes_the_page_again(kept: Desk) -> None:
+def test_report_makes_the_page_again(desk_with_results: Desk) -> None:
     """`report` makes the page and the document again from `report.json`, byte for byte, in whatever folder."""
-    folder = kept.state / "reports" / "small"
+    folder = desk_with_results.state / "reports" / "small"
     page = (folder / "report.md").read_bytes()
     (folder / "report.md").unlink()
-    assert kept.run("report", "small", "--out", "there").code == 1
-    assert (kept.folder / "there" / "report.md").read_bytes() == page
-    assert kept.run("report", folder, "--out", folder).code == 1
+    assert desk_with_results.run("report", "small", "--out", "there").code == 1
+    assert (desk_with_results.folder / "there" / "report.md").read_bytes() == page
+    assert desk_with_results.run("report", folder, "--out", folder).code == 1
     assert (folder / "report.md").read_bytes() == page
-    assert kept.run("report", "small", "--format", "md").out.encode() == page
+    assert desk_with_results.run("report", "small", "--format", "md").out.encode() == page
 
 
-def test_report_has_the_document_of_the_run(kept: Desk) -> None:
+def test_report_has_the_document_of_the_run(desk_with_results: Desk) -> None:
     """`report --json` is what `run --json` printed, with paths that start here."""
-    document = kept.run("report", "small", "--json").document
-    stored = json.loads((kept.state / "reports" / "small" / "report.json").read_text())
+    document = desk_with_results.run("report", "small", "--json").document
+    stored = json.loads((desk_with_results.state / "reports" / "small" / "report.json").read_text())
     assert [cell["verdict"] for cell in document["cells"]] == ["works", "partial"]
     assert [cell["key"] for cell in document["cells"]] == [cell["key"] for cell in stored["cells"]]
-    assert all((kept.folder / cell["evidence"]).exists() for cell in document["cells"])
+    assert all((desk_with_results.folder / cell["evidence"]).exists() for cell in document["cells"])
 
 
-def test_a_file_is_no_folder_for_a_report(kept: Desk) -> None:
+def test_a_file_is_no_folder_for_a_report(desk_with_results: Desk) -> None:
     """A report folder that cannot be written to is reported at once, in one sentence."""
-    taken = kept.folder / "taken"
+    taken = desk_with_results.folder / "taken"
     taken.write_text("")
-    ran = kept.run("report", "small", "--out", taken)
+    ran = desk_with_results.run("report", "small", "--out", taken)
     assert (ran.code, ran.err) == (2, f"simmatrix: {taken}: no folder to write to: File exists; name another one\n")
 
 
-def test_the_table_pivots(kept: Desk) -> None:
+def test_the_table_pivots(desk_with_results: Desk) -> None:
     """The terminal's table has a square for each pair of values, and a row for each cell with why it is red."""
-    ran = kept.run("report", "small", "--pivot", "python", "which")
+    ran = desk_with_results.run("report", "small", "--pivot", "python", "which")
     assert "blank" in ran.out
     assert "ContractViolation: blank frame: every pixel is [0, 0, 0]" in " ".join(ran.out.split())
 
 
-def test_show_tells_all_of_a_cell(kept: Desk) -> None:
+def test_show_tells_all_of_a_cell(desk_with_results: Desk) -> None:
     """`show` has the verdict, the line that says why, the checks, what is installed, and what to type next."""
-    ran = kept.run("show", "*-blank")
+    ran = desk_with_results.run("show", "*-blank")
     assert ran.code == 0
     for told in (
         "◐ partial in render",
@@ -99,9 +99,9 @@ def test_show_tells_all_of_a_cell(kept: Desk) -> None:
         assert told in ran.out
 
 
-def test_show_names_a_cell_that_was_not_run(kept: Desk) -> None:
+def test_show_names_a_cell_that_was_not_run(desk_with_results: Desk) -> None:
     """A glob that matches several cells, or none, is bad input; the message names cells."""
-    several, none = kept.run("show", "small/*"), kept.run("show", "*-odd")
+    several, none = desk_with_results.run("show", "small/*"), desk_with_results.run("show", "*-odd")
     assert (several.code, none.code) == (2, 2)
     assert "matches 2 cells; name one of small/py" in several.err
     assert "no cell of this name was measured" in none.err
