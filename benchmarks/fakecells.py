@@ -120,7 +120,7 @@ def _measured(cell: Cell, runner: Runner, lock: Lock, interpreter: Interpreter) 
     vault = context.laboratory.vault
     picture = vault.keep(FRAME)
     for case in cell.cases:
-        case_plan, folded = context.asked(case), Folded()
+        case_plan, folded = context.plan_case(case), Folded()
         while request := todo(case_plan, folded):
             texts = {LOG: f"{cell.id} {case.id}\n".encode(), REPLY: _reply(request)}
             files = {**keep_files(vault, texts), f"{PICTURE}.png": picture}

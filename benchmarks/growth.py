@@ -140,14 +140,14 @@ def stages(matrix: Path) -> dict[str, float]:
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         board = progress.Progress(len(plan.cells), 2, publishing.headline)
         first = Runner(opened, Settings(), board)
-        records = [record for cell in plan.cells if (record := first.known(cell))]
+        records = [record for cell in plan.cells if (record := first.find_record(cell))]
         with timing("store"):
             for record in records:
                 first.keep(record)
         del first, records, record
         again = Runner(opened, Settings(), board)
         with timing("look up"):
-            records = [record for cell in plan.cells if (record := again.known(cell))]
+            records = [record for cell in plan.cells if (record := again.find_record(cell))]
         assert len(records) == len(again.unchanged) == len(plan.cells)
         with timing("schedule"):
             runner = InstantRunner(opened, Settings(jobs=2), board)

@@ -119,7 +119,7 @@ class Side:
         """Return the median seconds of a style in a state."""
         return statistics.median(self.seconds[style, state])
 
-    def told(self, style: str, state: str) -> str:
+    def describe(self, style: str, state: str) -> str:
         """Return the median seconds, and those of computing, as the table shows them."""
         return f"{self.median(style, state):.2f} s ({statistics.median(self.computed[style, state]):.1f})"
 
@@ -307,7 +307,7 @@ def rounds(bench: Bench, measured: Sequence[Side], style: str, number: int) -> N
     for state in (COLD, WARM, AGAIN):
         for side in turn:
             side.measure(bench, works[side.name], style, state)
-            print(f"{number + 1} {style} {state}: {side.name} {side.told(style, state)}", file=sys.stderr)
+            print(f"{number + 1} {style} {state}: {side.name} {side.describe(style, state)}", file=sys.stderr)
     shutil.rmtree(bench.folder / "work")
 
 
@@ -374,7 +374,7 @@ def table(measured: Sequence[Side], style: str) -> list[str]:
         best = min(side.median(style, state) for side in peers)
         mine, floor = by_name[OURS].median(style, state), by_name[FLOOR].median(style, state)
         limit = {COLD: max(0.75 * best, 1.15 * floor), WARM: 0.8 * best, AGAIN: 0.1 * best}[state]
-        times = " | ".join(side.told(style, state) for side in measured)
+        times = " | ".join(side.describe(style, state) for side in measured)
         met = "met" if mine <= limit else "missed"
         target = f"≤ {limit:.2f} s: {met}" if style == SCRIPTS else "none"
         lines.append(f"| {state} | {times} | {mine / best:.2f} | {target} |")

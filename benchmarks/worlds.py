@@ -121,7 +121,7 @@ def simulate_search(scenario: World, rate: float | None = None, sure: float = SU
         minimal = search.minimise(
             range(scenario.releases), lambda moved: SHOWN[look({*scenario.culprits} <= {*moved})], rules=rules
         )
-        answers = [(each.candidate, each.answer) for each in minimal.asked]
+        answers = [(each.candidate, each.answer) for each in minimal.observations]
         return _ended(scenario, set(minimal.items or ()) == set(scenario.culprits), answers, minimal.bound)
     boundary = search.boundary(
         range(scenario.releases),
@@ -131,7 +131,7 @@ def simulate_search(scenario: World, rate: float | None = None, sure: float = SU
     return _ended(
         scenario,
         _right(scenario, boundary.good, boundary.bad),
-        [(each.candidate, each.answer) for each in boundary.asked],
+        [(each.candidate, each.answer) for each in boundary.observations],
         boundary.bound,
     )
 
@@ -209,7 +209,7 @@ def _single(scenario: World, cell: Cell, bench: Bench, clock: Callable[[], float
     search_ = Bisection(task, bench, lambda _: None)
     done = search_.run()
     places = [int(step.candidate.name.partition(".")[0]) - 1 if step else None for step in (done.good, done.bad)]
-    answers = [(step.candidate.name, step.said.answer) for step in search_.steps if step.why != "whole"]
+    answers = [(step.candidate.name, step.classification.answer) for step in search_.steps if step.why != "whole"]
     return _ended(scenario, _right(scenario, *places), answers, search.bound(len(line)), clock())
 
 
@@ -223,10 +223,10 @@ def _pair(scenario: World, cell: Cell, bench: Bench, clock: Callable[[], float])
         lines = tuple(f"part{number}==1.0" for number in range(scenario.releases) if number not in chosen)
         trial_cell = changes.apply(cell, Change(constraints=lines), {}) if lines else cell
         again = any(each.cell.question == trial_cell.question for each in bench.trials)
-        return SHOWN[predicate.of(bench.measure(trial_cell, again=again)).answer]
+        return SHOWN[predicate.classify(bench.measure(trial_cell, again=again)).answer]
 
     minimal = search.minimise(range(scenario.releases), moved, rules=Rules(confidence=SURE))
-    answers = [(each.candidate, each.answer) for each in minimal.asked]
+    answers = [(each.candidate, each.answer) for each in minimal.observations]
     return _ended(scenario, set(minimal.items or ()) == set(scenario.culprits), answers, minimal.bound, clock())
 
 

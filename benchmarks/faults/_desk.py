@@ -187,7 +187,7 @@ class Desk(commandline.Desk):
         """Run a matrix and print its document."""
         return self.run("run", matrix, "--json", *arguments, **variables)
 
-    def judged(
+    def check_verdicts(
         self, ran: CommandResult, *, code: set[int] | None = None, says: str = "", **promised: set[str]
     ) -> FaultResult:
         """Hold the verdicts of a run of a hostile matrix (by `which`) against those that are promised.

@@ -69,9 +69,9 @@ def poisoned_byte_code(desk: Desk) -> FaultResult:
         """,
     )
     promised = {"hx": {"works"}, "neighbour": {"works"}}
-    first = desk.judged(desk.measure(matrix, "-j", "1"), **promised)
+    first = desk.check_verdicts(desk.measure(matrix, "-j", "1"), **promised)
     for options in (["--fresh"], ["--fresh", "--verify"]):
-        again = desk.judged(desk.measure(matrix, "-j", "1", *options), **promised)
+        again = desk.check_verdicts(desk.measure(matrix, "-j", "1", *options), **promised)
         first = FaultResult(f"{first.what}; {' '.join(options)}: {again.what}", first.held and again.held)
     return first
 
@@ -99,7 +99,7 @@ def rotten_byte_code(desk: Desk) -> FaultResult:
         for path in files:
             content = path.read_bytes()
             path.write_bytes(content[: len(content) // 2] + b"\xff" * (len(content) // 2))
-        came = desk.judged(desk.measure(matrix, *options), hx={"works"}, neighbour={"works"})
+        came = desk.check_verdicts(desk.measure(matrix, *options), hx={"works"}, neighbour={"works"})
         parts, held = [*parts, f"{' '.join(options)}: {came.what}"], held and came.held
     return FaultResult("; ".join(parts), held)
 
@@ -129,7 +129,7 @@ def odd_byte_code(desk: Desk) -> FaultResult:
             place = cache_folder / file
             shutil.rmtree(place) if place.is_dir() and not place.is_symlink() else place.unlink(missing_ok=True)
             deed(place)
-        came = desk.judged(desk.measure(matrix, "--fresh"), hx={"works"}, neighbour={"works"})
+        came = desk.check_verdicts(desk.measure(matrix, "--fresh"), hx={"works"}, neighbour={"works"})
         parts, held = [*parts, f"{name}: {came.what}"], held and came.held
     return FaultResult("; ".join(parts), held)
 
@@ -157,7 +157,7 @@ def rotten_unpacked_cache(desk: Desk) -> FaultResult:
         if options:
             rotten(source_of(desk, where="uv/archive-v0/*"))
         shutil.rmtree(desk.cache / "environments", ignore_errors=True)
-        came.append(desk.judged(desk.measure(matrix, *options), **WORKS))
+        came.append(desk.check_verdicts(desk.measure(matrix, *options), **WORKS))
     return join_results(*came)
 
 
@@ -173,7 +173,7 @@ def rotten_environment(desk: Desk) -> FaultResult:
     matrix = desk.hostile(checks=QUICK, shared=True)
     desk.measure(matrix)
     rotten(source_of(desk))
-    return desk.judged(desk.measure(matrix, "--fresh"), **WORKS)
+    return desk.check_verdicts(desk.measure(matrix, "--fresh"), **WORKS)
 
 
 @fault(
@@ -188,7 +188,7 @@ def rotten_data(desk: Desk) -> FaultResult:
     matrix = desk.hostile(checks=QUICK, shared=True, files={"hx_data.txt": "1234"})
     desk.measure(matrix)
     rotten(source_of(desk, "hx_data.txt"))
-    came = desk.judged(desk.measure(matrix, "--fresh", "--verify"), **WORKS)
+    came = desk.check_verdicts(desk.measure(matrix, "--fresh", "--verify"), **WORKS)
     return FaultResult(came.what, came.held and source_of(desk, "hx_data.txt").read_text() == "1234")
 
 
@@ -202,7 +202,7 @@ def rotten_data(desk: Desk) -> FaultResult:
 def lost_configuration(desk: Desk) -> FaultResult:
     """Take away what makes an environment one."""
     matrix = desk.hostile(checks=QUICK, shared=True)
-    came = [desk.judged(desk.measure(matrix), **WORKS)]
+    came = [desk.check_verdicts(desk.measure(matrix), **WORKS)]
     for how in ("folder", "nothing", "garbage"):
         (config,) = desk.cache.glob("environments/*/pyvenv.cfg")
         config.unlink()
@@ -210,7 +210,7 @@ def lost_configuration(desk: Desk) -> FaultResult:
             config.mkdir()
         elif how == "garbage":
             config.write_bytes(b"\xff\x00" * 40)
-        came.append(desk.judged(desk.measure(matrix, "--fresh"), **WORKS))
+        came.append(desk.check_verdicts(desk.measure(matrix, "--fresh"), **WORKS))
     return join_results(*came)
 
 
@@ -228,7 +228,7 @@ def lost_python(desk: Desk) -> FaultResult:
     (python,) = desk.cache.glob("environments/*/bin/python")
     python.unlink()
     python.symlink_to("/nonexistent/python")
-    return desk.judged(desk.measure(matrix, "--fresh"), **WORKS)
+    return desk.check_verdicts(desk.measure(matrix, "--fresh"), **WORKS)
 
 
 def through_the_cache(desk: Desk) -> Path:
@@ -256,9 +256,9 @@ def through_the_cache(desk: Desk) -> Path:
 def poisoned_cache(desk: Desk) -> FaultResult:
     """Write through the hard links into the cache."""
     matrix = through_the_cache(desk)
-    came = [desk.judged(desk.measure(matrix, "-j", "1"), **WORKS)]
+    came = [desk.check_verdicts(desk.measure(matrix, "-j", "1"), **WORKS)]
     shutil.rmtree(desk.cache / "environments")
-    came.append(desk.judged(desk.measure(matrix, "-j", "1", "--fresh"), neighbour={"works"}))
+    came.append(desk.check_verdicts(desk.measure(matrix, "-j", "1", "--fresh"), neighbour={"works"}))
     return join_results(*came)
 
 
@@ -285,10 +285,10 @@ def poisoned_cache_unsealed(desk: Desk) -> FaultResult:
     """Write into the cache where nothing keeps a probe from it."""
     open_desk = desk.with_variables(HARNESS_SANDBOX="subreaper")
     matrix = through_the_cache(open_desk)
-    came = [open_desk.judged(open_desk.measure(matrix, "-j", "1"), neighbour={"works"})]
+    came = [open_desk.check_verdicts(open_desk.measure(matrix, "-j", "1"), neighbour={"works"})]
     shutil.rmtree(desk.cache / "environments")
     only = ("-j", "1", "-k", "*neighbour", "--fresh")
-    came.append(open_desk.judged(open_desk.measure(matrix, *only), neighbour={"works"}))
+    came.append(open_desk.check_verdicts(open_desk.measure(matrix, *only), neighbour={"works"}))
     return join_results(*came)
 
 
@@ -325,7 +325,7 @@ def pwned(*folders: Path) -> list[str]:
 )
 def writes_to_the_cache(desk: Desk) -> FaultResult:
     """Write wherever the harness keeps something."""
-    came = desk.judged(desk.measure(reaching(desk)), **WORKS)
+    came = desk.check_verdicts(desk.measure(reaching(desk)), **WORKS)
     left = pwned(desk.cache, desk.state)
     return FaultResult(f"{came.what}; left behind: {', '.join(left) or 'nothing'}", came.held and not left)
 
@@ -366,9 +366,9 @@ def forged_results(desk: Desk) -> FaultResult:
     matrix.write_text(
         text.replace('requirements = ["fake-healthy"', 'requirements = ["fake-healthy", "fake-wrong-arity"')
     )
-    first = desk.judged(desk.measure(matrix, "-k", "*neighbour"), neighbour={"broken"})
+    first = desk.check_verdicts(desk.measure(matrix, "-k", "*neighbour"), neighbour={"broken"})
     desk.measure(matrix, "-k", "*hx")
-    return join_results(first, desk.judged(desk.measure(matrix), neighbour={"broken"}))
+    return join_results(first, desk.check_verdicts(desk.measure(matrix), neighbour={"broken"}))
 
 
 @fault(
@@ -385,4 +385,4 @@ def lost_from_unpacked_cache(desk: Desk) -> FaultResult:
     for path in desk.cache.glob("uv/archive-v0/*/hx-1.0.dist-info/WHEEL"):
         path.unlink()
     shutil.rmtree(desk.cache / "environments")
-    return desk.judged(desk.measure(matrix, "--fresh"), **WORKS)
+    return desk.check_verdicts(desk.measure(matrix, "--fresh"), **WORKS)

@@ -128,14 +128,14 @@ def declare(row: str, what: str, find: Find, deeds: tuple[Callable[[Path], None]
     def do(desk: Desk) -> FaultResult:
         matrix = desk.hostile(checks=QUICK)
         matrix.write_text(matrix.read_text().replace('"host"', f'"{PYTHON}"'))
-        first = desk.judged(desk.measure(matrix), **WORKS)
+        first = desk.check_verdicts(desk.measure(matrix), **WORKS)
         parts, held = [f"first {first.what}"], first.held
         for deed in deeds:
             paths = [path for path in find(desk) if path.is_file() and not path.is_symlink()]
             for path in paths:
                 deed(path)
             ran = desk.measure(matrix, *option.split())
-            came = desk.judged(ran, code={0}, **WORKS)
+            came = desk.check_verdicts(ran, code={0}, **WORKS)
             parts.append(f"{deed.__name__} ({len(paths)}): {'works' if came.held else came.what}")
             held = held and came.held and bool(paths)
             if not held:
@@ -201,14 +201,14 @@ def built(desk: Desk, deed: str = "pass") -> Path:
 def rebuilt(desk: Desk, pattern: str, deeds: tuple[Callable[[Path], None], ...]) -> FaultResult:
     """Damage what is kept of a build, take the environments away, and run again."""
     matrix = built(desk)
-    first = desk.judged(desk.measure(matrix), **WORKS)
+    first = desk.check_verdicts(desk.measure(matrix), **WORKS)
     parts, held = [f"first {first.what}"], first.held
     for deed in deeds:
         paths = sorted(desk.cache.glob(pattern))
         for path in paths:
             deed(path)
         shutil.rmtree(desk.cache / "environments")
-        came = desk.judged(desk.measure(matrix, "--fresh"), code={0}, **WORKS)
+        came = desk.check_verdicts(desk.measure(matrix, "--fresh"), code={0}, **WORKS)
         parts.append(f"{deed.__name__} ({len(paths)}): {'works' if came.held else came.what}")
         held = held and came.held and bool(paths)
     return FaultResult("; ".join(parts), held)
@@ -270,7 +270,7 @@ for _ in range(3000):
     os.chdir('d')
 os.chdir(here)
 """
-    came = desk.judged(desk.measure(built(desk, deed)), **WORKS)
+    came = desk.check_verdicts(desk.measure(built(desk, deed)), **WORKS)
     place = desk.cache / "tmp"
     left = sorted(path.name for path in place.iterdir()) if place.exists() else []
     return FaultResult(f"{came.what}; left: {left}", came.held and not left)
@@ -298,7 +298,7 @@ def latin_metadata(desk: Desk) -> FaultResult:
         for name, content in files.items():
             archive.writestr(name, content)
     ran = desk.measure(matrix)
-    return desk.judged(ran, hx={"works", "uninstallable", "unresolvable", "inconclusive"}, neighbour={"works"})
+    return desk.check_verdicts(ran, hx={"works", "uninstallable", "unresolvable", "inconclusive"}, neighbour={"works"})
 
 
 @fault(

@@ -28,7 +28,7 @@ def probe(
 ) -> FaultResult:
     """Let one probe do a deed in its first step, with a healthy neighbour."""
     matrix = desk.hostile(checks=checks, top=PLACES + top, step=first_step(deed))
-    return desk.judged(desk.measure(matrix), hx=hx, neighbour=FINE)
+    return desk.check_verdicts(desk.measure(matrix), hx=hx, neighbour=FINE)
 
 
 def first_step(deed: str) -> str:
@@ -49,7 +49,7 @@ atexit.register(spoil)
 """
     matrix = desk.hostile(checks=("single", "render"), top=PLACES + deed)
     ran = desk.measure(matrix)
-    came = desk.judged(ran, hx=FINE, neighbour=FINE)
+    came = desk.check_verdicts(ran, hx=FINE, neighbour=FINE)
     frames = [frame for case in ran.cells("which")["hx"]["cases"] for frame in case["frames"]] if came.held else []
     neighbours = [frame for case in ran.cells("which")["neighbour"]["cases"] for frame in case["frames"]]
     return FaultResult(
@@ -394,7 +394,7 @@ except OSError as error:
 """
     matrix = desk.hostile(checks=("single",), top=PLACES, step=first_step(deed))
     ran = desk.measure(matrix)
-    came = desk.judged(ran, hx=FINE, neighbour=FINE)
+    came = desk.check_verdicts(ran, hx=FINE, neighbour=FINE)
     left = [path.name for path in desk.scratch.iterdir()]
     is_reported = "cannot be removed" in ran.err
     return FaultResult(f"{came.what}; left: {len(left)}, said: {is_reported}", came.held and (is_reported or not left))
@@ -442,6 +442,6 @@ if not os.path.exists({mark!r}):
 """
     matrix = desk.hostile(checks=("single",), top=PLACES, step=first_step(deed))
     first = desk.measure(matrix, "-j", "1")
-    came = desk.judged(first, hx={"works", "inconclusive"}, neighbour={"works", "inconclusive"})
-    again = desk.judged(desk.measure(matrix), hx=FINE, neighbour=FINE)
+    came = desk.check_verdicts(first, hx={"works", "inconclusive"}, neighbour={"works", "inconclusive"})
+    again = desk.check_verdicts(desk.measure(matrix), hx=FINE, neighbour=FINE)
     return FaultResult(f"{came.what}; again: {again.what}", came.held and again.held)

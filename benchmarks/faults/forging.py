@@ -31,7 +31,7 @@ FAILS = "raise RuntimeError('step never works')"
 def lied(desk: Desk, top: str, step: str) -> FaultResult:
     """Measure a package that never steps and says that it does; its neighbour stays what it is."""
     ran = desk.measure(desk.hostile(checks=("single",), top=top, step=step))
-    return desk.judged(ran, hx={"works", "broken", "inconclusive", "partial"}, neighbour={"works"})
+    return desk.check_verdicts(ran, hx={"works", "broken", "inconclusive", "partial"}, neighbour={"works"})
 
 
 @fault("31", section=SECTION, done="records forged through /proc/self/fd, then os._exit(0)", documented=FORGED,
@@ -96,7 +96,7 @@ def reads_files(desk: Desk) -> FaultResult:
     secret.write_text("machine example.invalid password none")
     step = f"assert 'password' in open({str(secret)!r}).read()\nassert os.environ['HOME'] != {str(desk.folder)!r}"
     ran = desk.measure(desk.hostile(checks=("single",), step=step))
-    return desk.judged(ran, hx={"works"}, neighbour={"works"})
+    return desk.check_verdicts(ran, hx={"works"}, neighbour={"works"})
 
 
 @fault("74", section=SECTION, done="a probe connects to a server on the loopback", documented=NETWORK,
@@ -107,4 +107,4 @@ def connects(desk: Desk) -> FaultResult:
         step = f"import socket; socket.create_connection(('127.0.0.1', {server.getsockname()[1]}), 5).close(); step = 0"
         matrix = desk.hostile(checks=("single",), make=step)
         ran = desk.measure(matrix, "-k", "*-hx")
-    return desk.judged(ran, hx={"works", "broken"})
+    return desk.check_verdicts(ran, hx={"works", "broken"})

@@ -30,7 +30,7 @@ def declare() -> None:
         def replacing(desk: Desk, deed: str = deed) -> FaultResult:
             """Replace something of the standard library."""
             matrix = desk.hostile(top=deed, checks=QUICK)
-            return desk.judged(desk.measure(matrix, "-k", "*hx"), hx={"works"})
+            return desk.check_verdicts(desk.measure(matrix, "-k", "*hx"), hx={"works"})
 
         replacing.__name__ = f"replacing_{row}"
         fault(row, section=SECTION, done=f"a healthy package: {done}", promise="it works", limit=200)(replacing)
@@ -53,7 +53,7 @@ def replaced_check(desk: Desk) -> FaultResult:
     deed = OURS + "ours['cell_run'].Probe._function = lambda self, check: lambda *_: None"
     matrix = desk.hostile(top=deed, checks=QUICK)
     ran = desk.measure(matrix, "-k", "*hx")
-    came = desk.judged(ran, hx={"works", "broken", "inconclusive", "partial"})
+    came = desk.check_verdicts(ran, hx={"works", "broken", "inconclusive", "partial"})
     findings = [
         text["text"] for cell in ran.document["cells"] for text in cell["findings"] if ".replaced" in text["check"]
     ]
@@ -75,7 +75,7 @@ def replaced_writers(desk: Desk) -> FaultResult:
         json.dumps = lambda value, **named: dumped(value, **named).replace('"failed"', '"passed"')
         """
     matrix = desk.hostile(top=top, step="raise ValueError('wrong')", checks=QUICK)
-    return desk.judged(desk.measure(matrix, "-k", "*hx"), hx={"broken"})
+    return desk.check_verdicts(desk.measure(matrix, "-k", "*hx"), hx={"broken"})
 
 
 @fault(
@@ -88,4 +88,6 @@ def replaced_writers(desk: Desk) -> FaultResult:
 def dropped_modules(desk: Desk) -> FaultResult:
     """Drop what is loaded of ours."""
     top = "for name in [name for name in sys.modules if name.startswith('_simmatrix')]: del sys.modules[name]"
-    return desk.judged(desk.measure(desk.hostile(top=top, checks=QUICK), "-k", "*hx"), hx={"works", "inconclusive"})
+    return desk.check_verdicts(
+        desk.measure(desk.hostile(top=top, checks=QUICK), "-k", "*hx"), hx={"works", "inconclusive"}
+    )

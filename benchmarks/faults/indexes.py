@@ -38,11 +38,11 @@ class Index:
     files: dict[str, bytes] = field(default_factory=dict)
     hashes: dict[str, str | None] = field(default_factory=dict)
     trouble: Callable[[BaseHTTPRequestHandler, str, str], bool] = lambda *_: False
-    asked: int = 0
+    request_count: int = 0
 
     def answer(self, handler: BaseHTTPRequestHandler) -> None:
         """Answer one request."""
-        self.asked += 1
+        self.request_count += 1
         name = handler.path.strip("/").rpartition("/")[2]
         kind = FILE if handler.path.startswith("/files/") else PAGE
         if self.trouble(handler, kind, name):
@@ -110,9 +110,9 @@ def run_with_trouble(
     with serve_index(desk) as (index, text):
         matrix = desk.matrix("m", text)
         index.trouble = trouble
-        first = desk.judged(desk.measure(matrix, UV_HTTP_TIMEOUT="10"), odd=set(hurt))
+        first = desk.check_verdicts(desk.measure(matrix, UV_HTTP_TIMEOUT="10"), odd=set(hurt))
         index.trouble = Index().trouble
-        second = desk.judged(desk.measure(matrix), odd=IMPORTED)
+        second = desk.check_verdicts(desk.measure(matrix), odd=IMPORTED)
     return FaultResult(f"{first.what}; mended: {second.what}", first.held and second.held)
 
 
@@ -204,9 +204,9 @@ def flipped_bit(desk: Desk) -> FaultResult:
         matrix, (name, whole) = desk.matrix("m", text), next(iter(index.files.items()))
         index.hashes[name] = hashlib.sha256(whole).hexdigest()
         index.files[name] = whole[:60] + bytes([whole[60] ^ 1]) + whole[61:]
-        first = desk.judged(desk.measure(matrix), odd={"inconclusive"})
+        first = desk.check_verdicts(desk.measure(matrix), odd={"inconclusive"})
         index.files[name] = whole
-        second = desk.judged(desk.measure(matrix), odd=IMPORTED)
+        second = desk.check_verdicts(desk.measure(matrix), odd=IMPORTED)
     return FaultResult(f"{first.what}; mended: {second.what}", first.held and second.held)
 
 
@@ -255,9 +255,9 @@ def mixed_up(desk: Desk, *, right_hash: bool) -> FaultResult:
         if right_hash:
             index.hashes[name] = hashlib.sha256(whole).hexdigest()
         index.files[name] = desk.shelve({"other.py": ""}, name="other").read_bytes()
-        first = desk.judged(desk.measure(matrix), odd={"inconclusive"})
+        first = desk.check_verdicts(desk.measure(matrix), odd={"inconclusive"})
         index.files[name] = whole
-        second = desk.judged(desk.measure(matrix), odd=IMPORTED)
+        second = desk.check_verdicts(desk.measure(matrix), odd=IMPORTED)
     return FaultResult(f"{first.what}; mended: {second.what}", first.held and second.held)
 
 
@@ -273,10 +273,10 @@ def wrong_hash(desk: Desk) -> FaultResult:
     with serve_index(desk) as (index, text):
         matrix, name = desk.matrix("m", text), next(iter(index.files))
         index.hashes[name] = "0" * 64
-        first = desk.judged(desk.measure(matrix), odd={"inconclusive"}, says="lock MATRIX --upgrade")
+        first = desk.check_verdicts(desk.measure(matrix), odd={"inconclusive"}, says="lock MATRIX --upgrade")
         del index.hashes[name]
         desk.run("lock", matrix, "--upgrade")
-        second = desk.judged(desk.measure(matrix), odd=IMPORTED)
+        second = desk.check_verdicts(desk.measure(matrix), odd=IMPORTED)
     return FaultResult(f"{first.what}; locked anew: {second.what}", first.held and second.held)
 
 
@@ -292,4 +292,4 @@ def no_hash(desk: Desk) -> FaultResult:
     with serve_index(desk) as (index, text):
         matrix = desk.matrix("m", text)
         index.hashes = dict.fromkeys(index.files)
-        return desk.judged(desk.measure(matrix), odd=IMPORTED)
+        return desk.check_verdicts(desk.measure(matrix), odd=IMPORTED)

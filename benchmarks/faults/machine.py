@@ -225,7 +225,7 @@ def probe_fills_scratch(desk: Desk) -> FaultResult:
     step = "open(os.path.join(os.environ['TMPDIR'], 'much'), 'wb').write(bytes(80 << 20))"
     matrix = desk.hostile(checks=("single",), step=step)
     mounted(desk.scratch, "size=50m")
-    return desk.judged(desk.measure(matrix, "-j", "1"), hx={"inconclusive"}, neighbour={"works"}, says="TMPDIR")
+    return desk.check_verdicts(desk.measure(matrix, "-j", "1"), hx={"inconclusive"}, neighbour={"works"}, says="TMPDIR")
 
 
 @fault(

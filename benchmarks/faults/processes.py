@@ -97,7 +97,7 @@ def again(desk: Desk, matrix: Path, first: FaultResult, sandbox: str = "") -> Fa
     """Measure once more with the gate open: the cell works, and is not taken from before."""
     (desk.folder / "gate").touch()
     ran = desk.measure(matrix, "-k", "*-hx", HARNESS_SANDBOX=sandbox)
-    came = desk.judged(ran, code={0}, hx={"works"})
+    came = desk.check_verdicts(ran, code={0}, hx={"works"})
     fresh = came.held and not ran.cells("which")["hx"]["reused"]
     return FaultResult(f"{first.what}; once more: {came.what}", first.held and fresh)
 
@@ -137,7 +137,7 @@ def kill_at_any_moment(desk: Desk) -> FaultResult:
             time.sleep(tenths / 10)
             harness.kill()
             harness.communicate()
-    return desk.judged(desk.measure(matrix), code={0}, hx={"works"}, neighbour={"works"})
+    return desk.check_verdicts(desk.measure(matrix), code={0}, hx={"works"}, neighbour={"works"})
 
 
 @fault("4", section=KILLS, done="SIGTERM in the middle of a probe", promise="143 with a sentence, a rerun goes on")
@@ -221,7 +221,7 @@ def hang_up_ignored(desk: Desk) -> FaultResult:
         chain.harness.send_signal(signal.SIGHUP)
         time.sleep(0.5)
         chain.open_gate()
-        return desk.judged(chain.end(), code={0}, hx={"works"})
+        return desk.check_verdicts(chain.end(), code={0}, hx={"works"})
 
 
 @fault("6b", section=KILLS, done="SIGHUP while the command is being loaded", promise="143 with a sentence, no crash")
@@ -240,7 +240,7 @@ def supervisor_killed(desk: Desk, which: str, number: signal.Signals, sandbox: s
         os.kill(chain.guard, signal.SIGCONT)
         ran = chain.end()
         left = [pid for pid in (chain.guard, chain.keeper, chain.probe) if command(pid)]
-    came = desk.judged(ran, code={3}, hx={"inconclusive"}, says="supervisor")
+    came = desk.check_verdicts(ran, code={3}, hx={"inconclusive"}, says="supervisor")
     return again(desk, matrix, FaultResult(f"{came.what}; {len(left)} left", came.held and not left), sandbox)
 
 
@@ -279,8 +279,8 @@ def shot(desk: Desk, times: int, sandbox: str = "") -> FaultResult:
             os.kill(probe, signal.SIGKILL)
         if times == 1:
             chain.open_gate()
-            return desk.judged(chain.end(), code={0}, hx={"works"})
-        came = desk.judged(chain.end(), code={3}, hx={"inconclusive"}, says=OUTSIDE)
+            return desk.check_verdicts(chain.end(), code={0}, hx={"works"})
+        came = desk.check_verdicts(chain.end(), code={3}, hx={"inconclusive"}, says=OUTSIDE)
     return again(desk, matrix, came, sandbox)
 
 
@@ -338,7 +338,7 @@ if multiprocessing.parent_process():
             time.sleep(0.1)
         out, err = harness.communicate()
     desk.ran.append(CommandResult(code=harness.returncode, out=out, err=err))
-    return desk.judged(desk.ran[-1], code={0, 3}, hx={"inconclusive", "works"})
+    return desk.check_verdicts(desk.ran[-1], code={0, 3}, hx={"inconclusive", "works"})
 
 
 @fault(
@@ -361,7 +361,7 @@ def shoot_build(desk: Desk) -> FaultResult:
 def build_kills_itself(desk: Desk) -> FaultResult:
     """Kill the build from within."""
     matrix = sdist_matrix(desk, "os.kill(os.getpid(), 9)")
-    return desk.judged(desk.measure(matrix), code={3}, hx={"inconclusive"}, neighbour={"works"}, says=OUTSIDE)
+    return desk.check_verdicts(desk.measure(matrix), code={3}, hx={"inconclusive"}, neighbour={"works"}, says=OUTSIDE)
 
 
 def sdist_matrix(desk: Desk, deed: str) -> Path:
@@ -394,7 +394,7 @@ def killed_build(desk: Desk, deed: str) -> FaultResult:
             time.sleep(0.05)
         out, err = harness.communicate()
     desk.ran.append(CommandResult(code=harness.returncode, out=out, err=err))
-    return again(desk, matrix, desk.judged(desk.ran[-1], code={3}, hx={"inconclusive"}, says=OUTSIDE))
+    return again(desk, matrix, desk.check_verdicts(desk.ran[-1], code={3}, hx={"inconclusive"}, says=OUTSIDE))
 
 
 def stopped(desk: Desk, who: str, sandbox: str = "") -> FaultResult:
@@ -405,7 +405,7 @@ def stopped(desk: Desk, who: str, sandbox: str = "") -> FaultResult:
         os.kill(getattr(chain, who), signal.SIGSTOP)
         ran = chain.end()
     seconds = time.monotonic() - begun
-    came = desk.judged(ran, hx={"broken"}, says="no end within")
+    came = desk.check_verdicts(ran, hx={"broken"}, says="no end within")
     return FaultResult(f"{came.what}, after {seconds:.0f} s", came.held and seconds < 30)
 
 
@@ -490,7 +490,7 @@ def hostile(
     case = ", ".join(filter(None, ["timeouts = { single = 5 }", case]))
     matrix = desk.hostile(checks=("single",), step=step, case=case, top="import signal")
     ran = desk.measure(matrix, HARNESS_SANDBOX=sandbox)
-    return desk.judged(ran, hx=verdicts, neighbour={"works"}, says=says)
+    return desk.check_verdicts(ran, hx=verdicts, neighbour={"works"}, says=says)
 
 
 @fault("35", section=PROBES, done="os._exit(0) in step()", promise="`broken`, never `works`")
@@ -574,6 +574,6 @@ def kill_uv(desk: Desk) -> FaultResult:
             time.sleep(0.001)
         out, err = harness.communicate()
     desk.ran.append(CommandResult(code=harness.returncode, out=out, err=err))
-    first = desk.judged(desk.ran[-1], hx={"inconclusive", "works"}, neighbour={"inconclusive", "works"})
-    came = desk.judged(desk.measure(matrix), code={0}, hx={"works"}, neighbour={"works"})
+    first = desk.check_verdicts(desk.ran[-1], hx={"inconclusive", "works"}, neighbour={"inconclusive", "works"})
+    came = desk.check_verdicts(desk.measure(matrix), code={0}, hx={"works"}, neighbour={"works"})
     return FaultResult(f"{first.what}; once more: {came.what}", first.held and came.held)

@@ -36,7 +36,7 @@ def looked(desk: Desk, sandbox: str = "") -> FaultResult:
     """Look for a token of the caller wherever a probe can look; it fails where it finds one."""
     matrix = desk.hostile(checks=("single",), step=LOOK)
     ran = desk.measure(matrix, TOKEN=CANARY, HARNESS_SANDBOX=sandbox)
-    return desk.judged(ran, code={0}, hx={"works"}, neighbour={"works"})
+    return desk.check_verdicts(ran, code={0}, hx={"works"}, neighbour={"works"})
 
 
 for row, sandbox, nobody in (
@@ -67,7 +67,7 @@ for row, sandbox, nobody in (
 def build_looks(desk: Desk) -> FaultResult:
     """Look for a token in a build."""
     matrix = sdist_matrix(desk, "import glob\n" + LOOK)
-    return desk.judged(desk.measure(matrix, TOKEN=CANARY), code={0}, hx={"works"}, neighbour={"works"})
+    return desk.check_verdicts(desk.measure(matrix, TOKEN=CANARY), code={0}, hx={"works"}, neighbour={"works"})
 
 
 @fault(
@@ -80,14 +80,14 @@ def build_looks_subreaper(desk: Desk) -> FaultResult:
     """Look for a token in a build without namespaces."""
     matrix = sdist_matrix(desk, "import glob\n" + LOOK)
     ran = desk.measure(matrix, TOKEN=CANARY, HARNESS_SANDBOX="subreaper")
-    return desk.judged(ran, code={0}, hx={"works"}, neighbour={"works"})
+    return desk.check_verdicts(ran, code={0}, hx={"works"}, neighbour={"works"})
 
 
 @fault("65d", section=PROBES, done="a probe lists its descriptors", promise="it has inherited none but its output")
 def descriptors(desk: Desk) -> FaultResult:
     """Look for inherited descriptors."""
     ran = desk.measure(desk.hostile(checks=("single",), top=DESCRIPTORS))
-    return desk.judged(ran, code={0}, hx={"works"}, neighbour={"works"})
+    return desk.check_verdicts(ran, code={0}, hx={"works"}, neighbour={"works"})
 
 
 @fault("67", section=PROBES, done="a probe, as root, unmounts /proc to see the machine's", promise="refused")
@@ -95,7 +95,7 @@ def unmount_proc(desk: Desk) -> FaultResult:
     """Take /proc away."""
     step = "assert libc.umount2(b'/proc', 2) == -1, 'unmounted'\nassert len(glob.glob('/proc/[0-9]*')) < 5"
     ran = desk.measure(desk.hostile(checks=("single",), top=LIBC, step=step))
-    return desk.judged(ran, code={0}, hx={"works"}, neighbour={"works"})
+    return desk.check_verdicts(ran, code={0}, hx={"works"}, neighbour={"works"})
 
 
 def unsealed(desk: Desk, sandbox: str = "") -> FaultResult:
@@ -115,7 +115,7 @@ for path in (environment + "/pwned", fake_healthy.__file__):
     ran = desk.measure(desk.hostile(checks=("single",), top=top), HARNESS_SANDBOX=sandbox)
     changed_files = [path for path in desk.cache.rglob("*") if path.name == "pwned"]
     changed_files += [path for path in desk.cache.rglob("fake_healthy.py") if "pwned" in path.read_text()]
-    came = desk.judged(ran, hx={"works"}, neighbour={"works"})
+    came = desk.check_verdicts(ran, hx={"works"}, neighbour={"works"})
     return FaultResult(f"{came.what}; {len(changed_files)} files of the cache changed", came.held and not changed_files)
 
 
@@ -154,7 +154,7 @@ assert not int(held["CapBnd"], 16) >> 19 & 1, str(held)
 assert libc.mount(b"none", b"/proc", b"tmpfs", 0, b"") == -1
 """
     ran = desk.measure(desk.hostile(checks=("single",), top=LIBC, step=step))
-    return desk.judged(ran, code={0}, hx={"works"}, neighbour={"works"})
+    return desk.check_verdicts(ran, code={0}, hx={"works"}, neighbour={"works"})
 
 
 @fault("75", section=PROBES, done="a probe, as root, writes garbage into the descriptors of pid 1", promise="refused")
@@ -171,7 +171,7 @@ for number in range(3, 20):
         continue
 """
     ran = desk.measure(desk.hostile(checks=("single",), step=step))
-    return desk.judged(ran, code={0}, hx={"works"}, neighbour={"works"})
+    return desk.check_verdicts(ran, code={0}, hx={"works"}, neighbour={"works"})
 
 
 OBJECTS = f"""
@@ -194,7 +194,7 @@ def left_objects(desk: Desk, sandbox: str = "", **variables: str) -> FaultResult
     before = objects()
     more = f"environment = {{ DISPLAY = {variables.pop('display')!r} }}" if "display" in variables else ""
     matrix = desk.hostile(checks=("single",), top=OBJECTS, more=more)
-    came = desk.judged(desk.measure(matrix, HARNESS_SANDBOX=sandbox), hx={"works"}, neighbour={"works"})
+    came = desk.check_verdicts(desk.measure(matrix, HARNESS_SANDBOX=sandbox), hx={"works"}, neighbour={"works"})
     left = objects() - before
     return FaultResult(f"{came.what}; {len(left)} objects left", came.held and not left)
 
@@ -233,7 +233,7 @@ def hungry(desk: Desk, deed: str, verdicts: set[str], says: str = "", sandbox: s
     """Take memory in one way or another, with `memory_mb = 400`."""
     matrix = desk.hostile(checks=("single",), step=deed, case="memory_mb = 400, timeouts = { single = 20 }")
     ran = desk.measure(matrix, HARNESS_SANDBOX=sandbox)
-    return desk.judged(ran, hx=verdicts, neighbour={"works"}, says=says)
+    return desk.check_verdicts(ran, hx=verdicts, neighbour={"works"}, says=says)
 
 
 MEMFD = """
@@ -294,7 +294,7 @@ def limit_files(desk: Desk) -> FaultResult:
     """Forbid oneself to write."""
     top = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))"
     ran = desk.measure(desk.hostile(checks=("single",), top=top))
-    return desk.judged(ran, hx={"import_fails", "broken", "inconclusive"}, neighbour={"works"})
+    return desk.check_verdicts(ran, hx={"import_fails", "broken", "inconclusive"}, neighbour={"works"})
 
 
 @fault(
@@ -308,7 +308,7 @@ def full_buffer(desk: Desk) -> FaultResult:
     ran = desk.measure(
         desk.hostile(checks=("single",), step="raise RuntimeError('No space left on device in the buffer')")
     )
-    return desk.judged(ran, code={1}, hx={"broken"}, neighbour={"works"})
+    return desk.check_verdicts(ran, code={1}, hx={"broken"}, neighbour={"works"})
 
 
 @fault(
@@ -320,7 +320,7 @@ def full_buffer(desk: Desk) -> FaultResult:
 def made_up_errno(desk: Desk) -> FaultResult:
     """Raise what the system raises."""
     ran = desk.measure(desk.hostile(checks=("single",), step="raise OSError(28, os.strerror(28))"))
-    return desk.judged(ran, code={3}, hx={"inconclusive"}, neighbour={"works"})
+    return desk.check_verdicts(ran, code={3}, hx={"inconclusive"}, neighbour={"works"})
 
 
 @fault(
@@ -333,7 +333,7 @@ def build_mentions(desk: Desk) -> FaultResult:
     """Mention a trouble of the machine in a build."""
     deed = "print('warning: Read-only file system, no cache', flush=True)\nraise ValueError('no such header')"
     ran = desk.measure(sdist_matrix(desk, deed))
-    return desk.judged(ran, code={1}, hx={"uninstallable"}, neighbour={"works"})
+    return desk.check_verdicts(ran, code={1}, hx={"uninstallable"}, neighbour={"works"})
 
 
 USES_SHM = """
@@ -354,7 +354,7 @@ def without_shm(desk: Desk, verdicts: set[str], sandbox: str = "") -> FaultResul
         subprocess.run(["cp", "-a", f"/dev/{name}", str(hidden)], check=True)
     subprocess.run(["mount", "--move", str(hidden), "/dev"], check=True)
     matrix = desk.hostile(checks=("single",), step=USES_SHM)
-    came = desk.judged(desk.measure(matrix, HARNESS_SANDBOX=sandbox), hx=verdicts, neighbour={"works"})
+    came = desk.check_verdicts(desk.measure(matrix, HARNESS_SANDBOX=sandbox), hx=verdicts, neighbour={"works"})
     return FaultResult(
         f"{came.what}; /dev has {len(list(Path('/dev').iterdir()))} entries",
         came.held and not Path("/dev/shm").exists(),
@@ -399,7 +399,7 @@ def read_only_shared_memory(desk: Desk) -> FaultResult:
     subprocess.run(["mount", "-t", "tmpfs", "-o", "ro", "none", "/dev/shm"], check=True)
     matrix = desk.hostile(checks=("single",), step=USES_SHM)
     ran = desk.measure(matrix, HARNESS_SANDBOX="subreaper")
-    return desk.judged(ran, hx={"inconclusive", "works"}, neighbour={"works"})
+    return desk.check_verdicts(ran, hx={"inconclusive", "works"}, neighbour={"works"})
 
 
 def group(kind: str, limit: str, value: str) -> Path:
@@ -425,7 +425,7 @@ def grouped(desk: Desk, folder: Path, verdicts: set[str], step: str = "pass", sa
     matrix = desk.hostile(checks=("single",), step=step)
     desk.measure(matrix, "--until", "install")
     try:
-        return desk.judged(desk.under(*enter).measure(matrix, "-j", "1"), hx=verdicts, says=says)
+        return desk.check_verdicts(desk.under(*enter).measure(matrix, "-j", "1"), hx=verdicts, says=says)
     finally:
         subprocess.run(["rmdir", str(folder)], check=False)
 
@@ -463,7 +463,9 @@ def limits(desk: Desk) -> FaultResult:
     """Run under limits, one after the other."""
     matrix, results = desk.hostile(checks=("single",)), []
     for name, option in LIMITS.items():
-        came = desk.judged(desk.under("prlimit", option).measure(matrix, "--fresh"), hx={"works"}, neighbour={"works"})
+        came = desk.check_verdicts(
+            desk.under("prlimit", option).measure(matrix, "--fresh"), hx={"works"}, neighbour={"works"}
+        )
         results.append((name, came))
     return FaultResult(
         "; ".join(f"{name}: {came.what}" for name, came in results), all(came.held for _, came in results)
@@ -475,7 +477,7 @@ def no_home(desk: Desk) -> FaultResult:
     """Run with an almost empty environment."""
     matrix = desk.hostile(checks=("single",))
     bare = desk.under("env", "-i", f"PATH={os.environ['PATH']}", f"TMPDIR={desk.scratch}", "HARNESS_CONTROLS=")
-    return desk.judged(bare.measure(matrix), code={0}, hx={"works"}, neighbour={"works"})
+    return desk.check_verdicts(bare.measure(matrix), code={0}, hx={"works"}, neighbour={"works"})
 
 
 @fault(
@@ -490,7 +492,7 @@ def plain_container(desk: Desk) -> FaultResult:
     dropped = "-sys_admin,-sys_ptrace,-setpcap,-setfcap"
     words = ("setpriv", f"--bounding-set={dropped}", f"--inh-caps={dropped}")
     ran = desk.under(*words).measure(desk.hostile(checks=("single",)))
-    return desk.judged(ran, code={0}, hx={"works"}, neighbour={"works"})
+    return desk.check_verdicts(ran, code={0}, hx={"works"}, neighbour={"works"})
 
 
 @fault(
@@ -510,6 +512,6 @@ for _ in range(50):
         os.setsid()
         time.sleep(600)
 """
-    came = desk.judged(desk.measure(sdist_matrix(desk, deed)), hx={"works"}, neighbour={"works"})
+    came = desk.check_verdicts(desk.measure(sdist_matrix(desk, deed)), hx={"works"}, neighbour={"works"})
     left = objects() - before
     return FaultResult(f"{came.what}; {len(left)} objects left", came.held and not left)

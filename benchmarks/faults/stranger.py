@@ -37,14 +37,14 @@ def dripping_index(desk: Desk) -> FaultResult:
         matrix = desk.matrix("m", text)
         index.trouble = on(PAGE, drip)
         with desk.started("run", matrix, UV_HTTP_TIMEOUT="5") as process:
-            while not index.asked:
+            while not index.request_count:
                 time.sleep(0.1)
             time.sleep(1)
             signal_time = time.monotonic()
             process.terminate()
             code = process.wait(60)
             took = time.monotonic() - signal_time
-        came = desk.judged(desk.measure(matrix, UV_HTTP_TIMEOUT="5"), code={3}, odd={"inconclusive"})
+        came = desk.check_verdicts(desk.measure(matrix, UV_HTTP_TIMEOUT="5"), code={3}, odd={"inconclusive"})
     return FaultResult(f"SIGTERM: {code} after {took:.0f} s; {came.what}", came.held and code == 143 and took < SOON)
 
 
@@ -104,7 +104,7 @@ def removed_home(desk: Desk) -> FaultResult:
             raise RuntimeError("its temporary files go to " + tempfile.gettempdir())
         """,
     )
-    came = desk.judged(desk.measure(matrix), hx={"works", "broken", "inconclusive"}, neighbour={"works"})
+    came = desk.check_verdicts(desk.measure(matrix), hx={"works", "broken", "inconclusive"}, neighbour={"works"})
     return FaultResult(
         came.what, came.held and "temporary files go" not in came.what and "not its own" not in came.what
     )

@@ -36,7 +36,7 @@ Change = Callable[[Entries], Entries]
 def measure_odd(desk: Desk, verdicts: frozenset[str], says: str = "") -> FaultResult:
     """Measure the odd package; its line has to say so much."""
     matrix = desk.matrix("m", ODD.format(shelf=desk.shelf))
-    return desk.judged(desk.measure(matrix), odd=set(verdicts), says=says)
+    return desk.check_verdicts(desk.measure(matrix), odd=set(verdicts), says=says)
 
 
 def changed(desk: Desk, change: Change) -> Path:

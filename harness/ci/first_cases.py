@@ -46,7 +46,7 @@ class FirstCases:
     cases: tuple[Drafted, ...] = ()
     extras: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    asked: bool = False
+    importable: bool = False
     registered: int = 0
 
 
@@ -54,7 +54,7 @@ class FirstCases:
 class _Listed:
     """The answer of a cell: its environments, the imports that failed, or why nothing could be asked."""
 
-    found: tuple[Candidate, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
     failed: tuple[tuple[str, str], ...] = ()
     trouble: str | None = None
     imported: bool = False
@@ -76,7 +76,7 @@ class Scout:
         """Find cases on the first of these Pythons that the project can be installed on; then with its extras."""
         trouble = None
         for python in [one for one in pythons if interpreters.find(one)][:MOST_PYTHONS] or [HOST]:
-            listed = self._listed(python, ())
+            listed = self._list_environments(python, ())
             if listed.imported or (listed.trouble is None):
                 return self._with_extras(python, listed)
             trouble = trouble or f"On Python {python}: {listed.trouble}"
@@ -84,26 +84,28 @@ class Scout:
 
     def _with_extras(self, python: str, listed: _Listed) -> FirstCases:
         """Return the environments that run without extras; if none does, those that run with one of the extras."""
-        cases = self._running(python, (), listed.found)
+        cases = self._running(python, (), listed.candidates)
         if cases:
-            return self._found(listed, cases, ())
-        lacking = [*(each.lacking for each in listed.found if each.lacking), *(why for _, why in listed.failed)]
-        places = [each.place for each in listed.found] + [module for module, _ in listed.failed]
+            return self._build_first_cases(listed, cases, ())
+        lacking = [*(each.lacking for each in listed.candidates if each.lacking), *(why for _, why in listed.failed)]
+        places = [each.place for each in listed.candidates] + [module for module, _ in listed.failed]
         for extra in ordered_extras(self.extras, places)[:MOST_EXTRAS] if lacking or self.tried else ():
-            more = self._listed(python, (extra,))
-            near = [each for each in more.found if extra in each.place.split(".")]
-            cases = self._running(python, (extra,), near or more.found)
+            more = self._list_environments(python, (extra,))
+            near = [each for each in more.candidates if extra in each.place.split(".")]
+            cases = self._running(python, (extra,), near or more.candidates)
             if cases:
-                return self._found(more, cases, (extra,))
+                return self._build_first_cases(more, cases, (extra,))
         return self._nothing_runs(listed)
 
-    def _found(self, listed: _Listed, cases: Sequence[Drafted], extras: tuple[str, ...]) -> FirstCases:
-        notes = [f"The package has {format_count(len(listed.found), 'environment')}; each can be a case of its own."]
+    def _build_first_cases(self, listed: _Listed, cases: Sequence[Drafted], extras: tuple[str, ...]) -> FirstCases:
+        notes = [
+            f"The package has {format_count(len(listed.candidates), 'environment')}; each can be a case of its own."
+        ]
         if extras:
             notes.append(f"None of them runs without an extra; these run with {', '.join(extras)}.")
         notes += [f"{env} was tried and left out: {why}" for env, why in list(self.tried.items())[:ENOUGH]]
         return FirstCases(
-            cases=tuple(cases), extras=extras, notes=tuple(notes), asked=True, registered=len(listed.found)
+            cases=tuple(cases), extras=extras, notes=tuple(notes), importable=True, registered=len(listed.candidates)
         )
 
     def _nothing_runs(self, listed: _Listed) -> FirstCases:
@@ -113,17 +115,19 @@ class Scout:
         asking = [env for env in self.tried if env not in real]
         if asking:
             notes.append(f"{', '.join(asking[:ENOUGH])}: needs arguments (`kwargs` of a case): {self.tried[asking[0]]}")
-        if not listed.found and not listed.trouble:
+        if not listed.candidates and not listed.trouble:
             notes.append("It registers no environments of its own: its tests are what can be run.")
-        by_env = {each.env: each for each in listed.found}
+        by_env = {each.env: each for each in listed.candidates}
         cases = [_drafted(by_env[env], f"Tried, and it does not run: {why}") for env, why in list(real.items())[:1]]
         notes += [
             f"None of its environments runs as it is installed; {env}: {why}" for env, why in list(real.items())[:1]
         ]
-        left = [each for each in listed.found if each.lacking]
+        left = [each for each in listed.candidates if each.lacking]
         if left and not real:
             notes.append(f"{left[0].env} and {len(left) - 1} more cannot be made as installed: {left[0].lacking}")
-        return FirstCases(cases=tuple(cases), notes=tuple(notes), asked=listed.imported, registered=len(listed.found))
+        return FirstCases(
+            cases=tuple(cases), notes=tuple(notes), importable=listed.imported, registered=len(listed.candidates)
+        )
 
     # --- in a cell -------------------------------------------------------------------------------------------------
 
@@ -135,7 +139,7 @@ class Scout:
     def _runner(self, until: Phase) -> Runner:
         return Runner(self.opened, Settings(until=until, offline=self.offline), self.observer)
 
-    def _listed(self, python: str, extras: tuple[str, ...]) -> _Listed:
+    def _list_environments(self, python: str, extras: tuple[str, ...]) -> _Listed:
         """List the registered environments. Repeat it without a submodule whose import ends the process."""
         runner = self._runner(Phase.INSTALL)
         try:
@@ -149,14 +153,14 @@ class Scout:
         )
         skip: list[str] = []
         while True:
-            answer = self._asked(ready.site, modules, skip)
+            answer = self._list_in_process(ready.site, modules, skip)
             if isinstance(answer, _Listed):
                 return answer
             if answer in {"", *modules, *skip} or len(skip) == MOST_SKIPPED:
                 return _Listed(trouble=f"importing {answer or ', '.join(modules)} ends the process", imported=True)
             skip.append(answer)
 
-    def _asked(self, site: launch.Site, modules: tuple[str, ...], skip: Sequence[str]) -> _Listed | str:
+    def _list_in_process(self, site: launch.Site, modules: tuple[str, ...], skip: Sequence[str]) -> _Listed | str:
         """List the environments in one process. If it ends too early, return the module that it was importing."""
         case = Case(id="list", env="*", api="", imports=modules, kwargs={"skip": list(skip)})
         with launch.probe(site, case, {LISTING: LIMIT}) as run:
@@ -224,7 +228,7 @@ def _trouble(assessed: Assessed) -> str:
 def _read(facts: Any) -> _Listed:
     """Read the answer of a cell, which may have any shape."""
     candidates, failed = read(facts)
-    return _Listed(found=candidates, failed=failed, imported=True)
+    return _Listed(candidates=candidates, failed=failed, imported=True)
 
 
 def by_preference(pythons: Iterable[str], baseline: str | None) -> tuple[str, ...]:

@@ -37,7 +37,7 @@ def cases(about: Project, pythons: Sequence[str], *, offline: bool) -> FirstCase
             extras=drafts.runtime(about.extras),
         )
         discovery = scout.look(order)
-    if discovery.asked:
+    if discovery.importable:
         return discovery
     case = _in_sources()
     return replace(discovery, cases=(case,) if case else ())

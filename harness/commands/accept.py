@@ -94,7 +94,7 @@ def _load_entries(plan: Plan) -> dict[str, list[CellEntry]]:
         message = f"{plan.matrix}: nothing of it was measured here; run it first, or name a report.json with --report"
         raise BadInput(message)
     causes = shipped_signatures.beside(opened.folder)
-    return _by_id(document.build(records, [dated], {here.id: here.facts}, store.now(), known=causes).cells)
+    return _by_id(document.build(records, [dated], {here.id: here.facts}, store.now(), knowledge=causes).cells)
 
 
 def _read_entries(source: str, plan: Plan) -> dict[str, list[CellEntry]]:

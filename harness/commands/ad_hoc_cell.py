@@ -232,10 +232,10 @@ def _python(cell: Cell, given: Inputs, runner: scheduler.Runner) -> str:
         return active
     minors = {found.minor: found for found in interpreters.available() if allowed.contains(found.version)}
     newest = sorted(minors.values(), key=lambda interpreter: Version(interpreter.version), reverse=True)
-    for found in newest:
-        lock, step = runner.lock_of(cell, found)
+    for python in newest:
+        lock, step = runner.lock_of(cell, python)
         if lock or step.outcome is not Outcome.FAILED or step.phase is not Phase.RESOLVE:
-            return found.minor
+            return python.minor
     if newest:
         return newest[0].minor
     return _choose_version(allowed) if allowed else HOST

@@ -87,7 +87,7 @@ class BisectRequest:
         return DATE if self.args.date else PYTHON if self.args.python else str(self.args.axis)
 
     @property
-    def kept(self) -> LineOptions:
+    def release_filter(self) -> LineOptions:
         """Return the settings for the releases to look at: yanked ones, pre-releases, offline."""
         return LineOptions(yanked=self.args.yanked, pre=self.args.pre, offline=self.args.offline)
 
@@ -186,7 +186,7 @@ def _read_versions(request: BisectRequest, base: Trial | None) -> dict[str, str]
 
 
 def _line(request: BisectRequest, held: dict[str, str]) -> Candidates:
-    cell, release_filter = request.cell, request.kept
+    cell, release_filter = request.cell, request.release_filter
     if request.args.python:
         return candidates.of_pythons(cell)
     if request.args.date:

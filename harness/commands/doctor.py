@@ -147,7 +147,7 @@ def main(args: argparse.Namespace) -> int:
     request = doctor.Request(args.python, args.env, dict(os.environ), str(Path.cwd()))
     looks = in_place.HostInspection(env=args.env, api=args.api, rendering=args.rendering)
     try:
-        plain = doctor.document(request, in_place.run, knowledge, looks.more)
+        plain = doctor.document(request, in_place.run, knowledge, looks.inspect)
     except NoEnvironment as error:
         message = f"doctor: {error}"
         raise BadInput(message) from None

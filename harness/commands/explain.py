@@ -55,11 +55,11 @@ def main(args: argparse.Namespace) -> int:
     """Explain a text, or run the command and explain it where it fails, or open a known issue."""
     if args.id is not None:
         return _open(args.id)
-    knows = explain.Knowledge(known=signatures, measured=result_index.load)
+    knows = explain.Knowledge(signatures=signatures, measured=result_index.load)
     try:
         if args.after is None:
             return explain.of_text(args, knows, Place())
-        return explain.of_command(args, args.after, knows, Place(kept=_output(args.after)))
+        return explain.of_command(args, args.after, knows, Place(output_file=_output(args.after)))
     except explain.UsageError as error:
         raise BadInput(str(error)) from None
 

@@ -76,14 +76,14 @@ class _Files:
 
     say: Callable[[str], None]
     written: list[str] = field(default_factory=list)
-    kept: list[str] = field(default_factory=list)
+    existing: list[str] = field(default_factory=list)
     cells: dict[Path, int] = field(default_factory=dict)
     open: list[str] = field(default_factory=list)
 
     def write(self, path: Path, text: str) -> bool:
         """Write a file unless there is one. Return whether it was written."""
         if path.exists():
-            self.kept.append(path.as_posix())
+            self.existing.append(path.as_posix())
             return False
         store.write_atomic(path, text.encode())
         self.say(f"wrote {path}")
@@ -118,7 +118,7 @@ def main(args: argparse.Namespace) -> int:
         _next(args, matrices, files)
     if args.json:
         document = Started(
-            written=tuple(files.written), kept=tuple(files.kept), jobs=jobs, not_found_out=tuple(files.open)
+            written=tuple(files.written), kept=tuple(files.existing), jobs=jobs, not_found_out=tuple(files.open)
         )
         print_json(msgspec.json.encode(document, enc_hook=float))
     return 3 if files.open else 0
@@ -143,9 +143,9 @@ def _matrices(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace, f
     pythons = next(iter(matrix_drafts.values())).pythons
     files.say("asking the installed package for its environments, and trying some of them")
     first_cases = first_draft.cases(about, pythons, offline=args.offline)
-    if not first_cases.asked:
+    if not first_cases.importable:
         files.open.append(first_cases.notes[0] if first_cases.notes else "the environments of the package")
-    for line in first_cases.notes if first_cases.asked else ():
+    for line in first_cases.notes if first_cases.importable else ():
         files.say(f"  {line}")
     for name, draft in matrix_drafts.items():
         whole = first_draft.complete(draft, about, first_cases, offline=args.offline)
@@ -236,7 +236,7 @@ def _workflow(matrix: Path, install: str | None, files: _Files) -> None:
     if path.exists() and f"ci {matrix} " not in path.read_text(encoding="utf-8", errors="replace"):
         path = folder / f"simmatrix-{matrix.stem}.yml"
     if path.exists():
-        files.kept.append(path.as_posix())
+        files.existing.append(path.as_posix())
         files.say(f"{path}: is there already and stays as it is; `simmatrix ci {matrix} --check {path}` compares")
         return
     install = install or ci.installable()

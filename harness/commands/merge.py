@@ -51,7 +51,7 @@ def main(args: argparse.Namespace) -> int:
     folder = args.out or store.state_folder() / "merged"
     reports = _find_reports(args.sources, folder)
     files = _Files()
-    whole = merging.merge([files.taken(path) for path in reports])
+    whole = merging.merge([files.read_report(path) for path in reports])
     pivot = tuple(args.pivot) if args.pivot else None
     tables.check_pivot(pivot, [matrix.axes for matrix in whole.matrices.values()])
     whole, copies = merging.assign_paths(whole)
@@ -126,7 +126,7 @@ class _Files:
     places: dict[str, Path] = field(default_factory=dict)
     missing: int = 0
 
-    def taken(self, path: Path) -> merging.Source:
+    def read_report(self, path: Path) -> merging.Source:
         """Read a report, and replace the name of each file by a token of its path and content."""
         report = document.read(given_files.read_content(path), str(path))
         tokens = {name: self._token(path.parent, name) for name in sorted(document.paths(report))}

@@ -134,7 +134,7 @@ def _document(records: Sequence[CellRecord], all_records: Sequence[CellRecord], 
     machines = {record.machine: opened.load_machine(record.machine) for record in records}
     locate = publishing.seen_from_here(opened.folder)
     causes = shipped_signatures.beside(opened.folder)
-    report = document.build(together, [planned], machines, store.now(), locate, known=causes)
+    report = document.build(together, [planned], machines, store.now(), locate, knowledge=causes)
     return document.only(report, {cell.id})
 
 

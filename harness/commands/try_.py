@@ -47,7 +47,7 @@ def main(args: argparse.Namespace) -> int:
         locate = publishing.seen_from_here(opened.folder)
         facts = {here.id: here.facts}
         used = publishing.probes(planned)
-        report = document.build([record], [planned], facts, store.now(), locate, used, known=knowledge)
+        report = document.build([record], [planned], facts, store.now(), locate, used, knowledge=knowledge)
         print_json(document.encode(report))
     else:
         print(answer(assessed))

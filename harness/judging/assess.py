@@ -29,7 +29,7 @@ def assess(record: CellRecord, knowledge: Knowledge = NOTHING_KNOWN, today: str 
     Without these two, verdict, phases, lines and cases are the same. There are no causes and no silent issues then, and
     no expectation has expired.
     """
-    return Assessed(record=record, known=knowledge, today=today)
+    return Assessed(record=record, knowledge=knowledge, today=today)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +37,7 @@ class Assessed:
     """A measured cell and its meaning."""
 
     record: CellRecord
-    known: Knowledge
+    knowledge: Knowledge
     today: str
 
     # --- the verdict -------------------------------------------------------------------------------------------
@@ -116,14 +116,14 @@ class Assessed:
     @cached_property
     def lurking(self) -> tuple[Signature, ...]:
         """Return the silent issues whose packages the cell has."""
-        return known_failures.lurking(self.known, self._packages)
+        return known_failures.lurking(self.knowledge, self._packages)
 
     @cached_property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
         """Return the known failures that fit a red cell: those shown by a misleading check, then the deepest cause."""
         if not known_failures.has_causes(self.verdict):
             return ()
-        return known_failures.find_diagnoses(self.known, self._packages, self.failures, self._shown())
+        return known_failures.find_diagnoses(self.knowledge, self._packages, self.failures, self._shown())
 
     def _shown(self) -> Iterator[Diagnosis]:
         if self.verdict is Verdict.MISLEADS:
@@ -139,13 +139,13 @@ class Assessed:
         if suite is None or not suite_not_run(suite):
             return ()
         return known_failures.find_diagnoses(
-            self.known, self._packages, failure_texts.suite_failures(suite, self.known.logs)
+            self.knowledge, self._packages, failure_texts.suite_failures(suite, self.knowledge.logs)
         )
 
     @cached_property
     def failures(self) -> tuple[Evidence, ...]:
         """Return the texts of each phase that failed, in every case."""
-        return tuple(failure_texts.failures(self.record, self._counted[: len(self.record.cases)], self.known.logs))
+        return tuple(failure_texts.failures(self.record, self._counted[: len(self.record.cases)], self.knowledge.logs))
 
     @cached_property
     def _packages(self) -> Packages:

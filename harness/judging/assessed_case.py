@@ -28,7 +28,7 @@ class AssessedCase:
         return tuple(check for phase in self.phases for check in phase.checks)
 
     @property
-    def told(self) -> tuple[PhaseRecord, ...]:
+    def reported_phases(self) -> tuple[PhaseRecord, ...]:
         """Return the phases to report: all, except the last one if nothing of it was asked for."""
         return tuple(phase for phase in self.phases if counts(phase))
 

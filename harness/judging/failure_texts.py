@@ -63,7 +63,7 @@ def build_evidence(phase: Phase, reasons: Iterable[str | None], logs: Iterable[s
     """Return the evidence of a phase: the lines that say why, each once, all else, and the signal that killed."""
     lines = tuple(dict.fromkeys(line for line in reasons if line))
     killed = next((hit[1] for line in lines if (hit := KILLED.search(line))), None)
-    return Evidence(phase=phase, told=lines, logs=tuple(logs), signal=killed)
+    return Evidence(phase=phase, reasons=lines, logs=tuple(logs), signal=killed)
 
 
 def _sightings(phase: PhaseRecord, reasons: Iterable[str | None]) -> Iterator[Sighting]:
@@ -71,10 +71,10 @@ def _sightings(phase: PhaseRecord, reasons: Iterable[str | None]) -> Iterator[Si
     for line in dict.fromkeys(reasons):
         seen = observed(phase, line)
         if line and seen:
-            yield Sighting(observed=seen, line=line, told=True)
+            yield Sighting(observed=seen, line=line, is_reason=True)
     for finding in phase.findings:
         if finding.observed:
-            yield Sighting(observed=finding.observed, line=finding.text, told=False)
+            yield Sighting(observed=finding.observed, line=finding.text, is_reason=False)
 
 
 # --- what a probe left -----------------------------------------------------------------------------------------

@@ -79,7 +79,7 @@ def shown_silent(
     issues = {one.id: one for case in cases for one in silent.shown_issues(lurks, case, lines)}
     for issue in issues.values():
         phase = Phase(issue.check.partition(".")[0])
-        yield Diagnosis(signature=issue, phase=phase, seen=lines[issue.check] or "", told=True)
+        yield Diagnosis(signature=issue, phase=phase, seen=lines[issue.check] or "", is_reason=True)
 
 
 # --- those that count ------------------------------------------------------------------------------------------
@@ -102,4 +102,4 @@ def _fits(diagnoses: Iterable[Diagnosis], lines: Iterable[str]) -> Iterator[Fit]
     for diagnosis in diagnoses:
         signature = diagnosis.signature
         says = counting.is_stated(diagnosis.seen, reasons)
-        yield Fit(known=diagnosis, masks=signature.masks, generic=signature.generic, seen=diagnosis.seen, says=says)
+        yield Fit(diagnosis=diagnosis, masks=signature.masks, generic=signature.generic, seen=diagnosis.seen, says=says)

@@ -312,7 +312,7 @@ class Sighting:
 
     observed: Observed
     line: str
-    told: bool
+    is_reason: bool
 
 
 def machine_applicable(signatures: Iterable[Signature]) -> Iterator[tuple[Signature, Change]]:

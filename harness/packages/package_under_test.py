@@ -65,7 +65,7 @@ class SubjectWheel:
     extras: tuple[str, ...]
     modules: tuple[str, ...]
     groups: Mapping[str, Any]
-    asked: dict[object, tuple[str, ...]] = field(default_factory=dict, compare=False)
+    requirement_cache: dict[object, tuple[str, ...]] = field(default_factory=dict, compare=False)
 
     @property
     def wheel(self) -> environments.Wheel:
@@ -291,7 +291,7 @@ def list_requirements(
 ) -> tuple[str, ...]:
     """Return the subject's requirements with some of its extras and groups, as they apply to an interpreter."""
     key = (interpreter, extras, groups)
-    if key not in package.asked:
+    if key not in package.requirement_cache:
         for what, names, valid in (
             ("extra", extras, package.extras),
             ("dependency group", groups, _group_names(package)),
@@ -300,8 +300,8 @@ def list_requirements(
             if unknown:
                 message = f'{package.tested.name} has no {what} "{unknown}"{schema.suggestion(unknown, valid)}'
                 raise BadInput(message)
-        package.asked[key] = tuple(_expanded(package, interpreter, extras, groups))
-    return package.asked[key]
+        package.requirement_cache[key] = tuple(_expanded(package, interpreter, extras, groups))
+    return package.requirement_cache[key]
 
 
 def _expanded(

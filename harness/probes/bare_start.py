@@ -48,7 +48,7 @@ def _start(site: launch.Site, options: tuple[str, ...]) -> tuple[process.Complet
                 process.Command(
                     argv=(str(folder / site.python.relative_to(site.folder)), *options, "-c", PROGRAM),
                     cwd=home,
-                    env=site.cached(home, code),
+                    env=site.run_variables(home, code),
                     limits=LIMITS,
                     log=scratch / LOG,
                     profile=process.Profile.CELL,

@@ -63,7 +63,7 @@ class Site:
         """Return the folders that a probe runs in. Modules are found first in the last one."""
         return (self.below, self.folder) if self.below else (self.folder,)
 
-    def cached(self, home: Path, code: bytecode.RunFolders) -> dict[str, str]:
+    def run_variables(self, home: Path, code: bytecode.RunFolders) -> dict[str, str]:
         """Return the variables of a run, with the places where Python, numba and Warp keep compiled code."""
         brought = {name: str(copy) for name, copy in self.brought.items()}
         path = [*(str(home / folder) for folder in self.python_path), *filter(None, [self.variables.get("PYTHONPATH")])]
@@ -79,7 +79,7 @@ class Site:
 
     def code(self, shown: Path, *imports: object) -> AbstractContextManager[bytecode.RunFolders]:
         """Lend a place for compiled code to a run that sees the environment at `shown` and has these imports."""
-        source = bytecode.Source(folders=self.folders, python=self.python, kept=self.pycache)
+        source = bytecode.Source(folders=self.folders, python=self.python, cache=self.pycache)
         return bytecode.lend_folders(source, shown, digest(*imports))
 
 
@@ -148,7 +148,7 @@ def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left:
                 str(scratch / "request.json"),
             ),
             cwd=home,
-            env=site.cached(home, code),
+            env=site.run_variables(home, code),
             limits=process.Limits(seconds=STARTUP_SECONDS + sum(allowed.values()), memory_mb=case.memory_mb),
             log=scratch / LOG,
             profile=process.Profile.CELL,

@@ -130,7 +130,7 @@ class _Raised(Struct, forbid_unknown_fields=True, frozen=True):
     traceback: Text
     blame: Literal["library", "harness"]
 
-    def told(self) -> Raised:
+    def to_raised(self) -> Raised:
         return Raised(type=self.type, message=self.message, traceback=self.traceback, blame=self.blame)
 
 
@@ -359,7 +359,7 @@ class _Reading:
         facts, refusal = believed(record.facts)
         outcome, seen = Outcome(record.outcome), record.observed.of(record.check) if record.observed else None
         violation = seen if outcome is Outcome.FAILED and not record.raised else None
-        raised = record.raised.told() if record.raised else None
+        raised = record.raised.to_raised() if record.raised else None
         self.checks[record.check] = CheckReply(
             check=record.check,
             outcome=outcome,
@@ -412,5 +412,5 @@ class _Diary:
             case _WorkerRaised():
                 if self.raised is None:
                     self.observed = record.observed.of(record.check) if record.observed else None
-                    raised = record.raised.told() if record.raised else None
+                    raised = record.raised.to_raised() if record.raised else None
                     self.raised = _violation(self.observed) if self.observed else raised

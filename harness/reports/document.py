@@ -58,7 +58,7 @@ def build(  # noqa: PLR0913 - all that a document is made of
     locate: Locate = str,
     probes: Mapping[str, str] = MappingProxyType({}),
     *,
-    known: Knowledge = NOTHING_KNOWN,
+    knowledge: Knowledge = NOTHING_KNOWN,
 ) -> Document:
     """Judge every planned cell on every machine that measured it; a cell without a record gets an entry, too."""
     measured: dict[str, list[CellRecord]] = {}
@@ -69,11 +69,11 @@ def build(  # noqa: PLR0913 - all that a document is made of
     stale = [sentence for plan in plans for sentence in plan.stale]
     planned = {cell.id: cell for plan in plans for cell in plan.cells}
     variants = frozenset().union(*(plan.variants for plan in plans))
-    making = EntryInputs(locate, marks(), known.signatures, planned, variants)
+    making = EntryInputs(locate, marks(), knowledge.signatures, planned, variants)
     for cell in planned.values():
         unrun = CellRecord(cell=cell, machine=here)
         for record in sorted(measured.get(cell.id, [unrun]), key=lambda record: record.machine):
-            assessed = assess(record, known, generated)
+            assessed = assess(record, knowledge, generated)
             cells.append(entry(assessed, making))
             stale += [assessed.stale] if assessed.stale else []
     return Document(
@@ -280,7 +280,7 @@ def _case(case: AssessedCase, unverified: tuple[str, ...], locate: Locate) -> Ca
         case=case.record.case,
         env=case.record.env,
         api=case.record.api,
-        phases={phase.phase: phase.outcome for phase in case.told},
+        phases={phase.phase: phase.outcome for phase in case.reported_phases},
         checks={check.check: check.outcome for check in checks},
         frames=tuple(locate(frame) for phase in case.phases for frame in phase.frames),
         decisive=case.decisive,

@@ -206,8 +206,8 @@ def _without_missing(cell: CellEntry) -> CellEntry:
 def assign_paths(report: Document) -> tuple[Document, dict[str, str]]:
     """Return the document with paths for tokens, and the path of each token: equal files are stored once."""
     contents: dict[str, list[str]] = {}
-    for known in sorted(document.paths(report)):
-        contents.setdefault(known.partition("\0")[0], []).append(known)
+    for token in sorted(document.paths(report)):
+        contents.setdefault(token.partition("\0")[0], []).append(token)
     names = {
         known: path if len(tokens) == 1 else _marked(path, known.partition("\0")[2])
         for path, tokens in contents.items()

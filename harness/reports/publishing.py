@@ -104,7 +104,7 @@ def publish(
             report, shown = freshness.read(note, made_of, folder), None
             if report is None:
                 facts, causes = {here.id: here.facts}, shipped_signatures.beside(opened.folder)
-                making = partial(document.build, records, [plan], facts, store.now(), probes=used, known=causes)
+                making = partial(document.build, records, [plan], facts, store.now(), probes=used, knowledge=causes)
                 try:
                     report = making(locate=place(records, opened, folder))
                     shown = write(report, folder, wanted.pivot, plan.page)

@@ -69,7 +69,7 @@ class Trial:
         return self.failure is not None or self.doubtful
 
     @property
-    def well(self) -> str:
+    def success_text(self) -> str:
         """Return the words for a cell that does everything requested. Import alone is never called `works`."""
         if self.assessed.verdict is Verdict.WORKS:
             return str(Verdict.WORKS)
@@ -100,7 +100,7 @@ class Bench:
     def __post_init__(self) -> None:
         self.store.save_machine(this_machine.facts().id, this_machine.facts().facts)
         self.began = monotonic()
-        self._runner = self._made(self.settings)
+        self._runner = self._make_runner(self.settings)
         self._ahead = ThreadPoolExecutor(1)
         self._controls: dict[str, ControlRecord] = {}
 
@@ -117,7 +117,7 @@ class Bench:
     def at_hand(self, cell: Cell) -> Trial | None:
         """Return the stored result of a cell, uncounted and whatever the bounds; None if something has to be run."""
         began = monotonic()
-        record = self._controlled(self._runner).known(cell)
+        record = self._controlled(self._runner).find_record(cell)
         return self._trial(record, began, at_hand=True) if record else None
 
     def measure(self, cell: Cell, *, again: bool = False, keep: bool = False, whole: bool = False) -> Trial:
@@ -127,11 +127,11 @@ class Bench:
         """
         began = monotonic()
         settings = replace(self.settings, until=Phase.SUITE) if whole else self.settings
-        runner = self._runner if settings == self.settings else self._made(settings)
-        stored_record = None if again else self._controlled(runner).known(cell)
+        runner = self._runner if settings == self.settings else self._make_runner(settings)
+        stored_record = None if again else self._controlled(runner).find_record(cell)
         if stored_record is None:
             self._within()
-            runner = self._made(replace(settings, fresh=True)) if again else runner
+            runner = self._make_runner(replace(settings, fresh=True)) if again else runner
             self.observer.started(cell)
             record = self._controlled(runner).measure(cell)
             self._note_built(runner)
@@ -150,15 +150,15 @@ class Bench:
             self._ahead.submit(self._prepare, cell)
 
     def _prepare(self, cell: Cell) -> None:
-        if not process.stopped() and self._controlled(self._runner).known(cell) is None:
+        if not process.stopped() and self._controlled(self._runner).find_record(cell) is None:
             replace(self._runner, observer=QuietObserver(self.observer)).prepare(cell)
 
     def stop_after(self, phase: Phase) -> None:
         """Ignore all phases after this one from now on."""
         self.settings = replace(self.settings, until=phase)
-        self._runner = self._made(self.settings)
+        self._runner = self._make_runner(self.settings)
 
-    def stands(self, cell: Cell) -> bool:
+    def has_environment(self, cell: Cell) -> bool:
         """Return whether the environment of a cell exists already, so that only its probes have to run."""
         interpreter = interpreters.find(cell.python)
         if interpreter is None or cell.subject is not None:
@@ -167,7 +167,7 @@ class Bench:
             lock, _ = steps.peek(self._runner.lock(cell.question, interpreter))
         except steps.Unknown:
             return False
-        environment = Pool(self._runner, cell, lock, interpreter).kept() if lock else None
+        environment = Pool(self._runner, cell, lock, interpreter).load_install() if lock else None
         return (
             environment is not None
             and environment.key is not None
@@ -192,7 +192,7 @@ class Bench:
             message = f"{self.bounds.minutes:g} minutes are used up"
             raise BudgetExhausted(message)
 
-    def _made(self, settings: Settings) -> Runner:
+    def _make_runner(self, settings: Settings) -> Runner:
         return Runner(self.store, settings, QuietObserver(self.observer))
 
     def _controlled(self, runner: Runner) -> ControlledRunner:

@@ -44,7 +44,7 @@ class Context:
     measured: dict[str, tuple[str, ...]] = field(default_factory=dict)
     notify: Callable[[str], None] = lambda _: None
 
-    def asked(self, case: Case) -> CasePlan:
+    def plan_case(self, case: Case) -> CasePlan:
         """Return the checks that are wanted of a case, with the digests of their programs."""
         wanted = wanted_of(case.checks, self.until)
         checks = [check for names in wanted.values() for check in names]
@@ -55,7 +55,7 @@ class Context:
 
 def run_case(context: Context, case: Case) -> CaseRecord:
     """Bring every phase of a case to an outcome, from stored runs where they exist."""
-    case_plan, key, new = context.asked(case), claim(context, case), set()
+    case_plan, key, new = context.plan_case(case), claim(context, case), set()
     folded = _fold_runs(context, case_plan, key)
     while request := todo(case_plan, folded):
         _notify(context, request)
@@ -68,7 +68,7 @@ def run_case(context: Context, case: Case) -> CaseRecord:
 
 def stored_case(context: Context, case: Case) -> CaseRecord | None:
     """Return the record of a case of which every phase is known; None where something has to be measured."""
-    case_plan = context.asked(case)
+    case_plan = context.plan_case(case)
     folded = _fold_runs(context, case_plan, claim(context, case))
     return None if todo(case_plan, folded) else case_record(case, phases(case_plan, folded), folded.runs)
 
@@ -93,7 +93,7 @@ def mark(context: Context, cases: Iterable[Case], lock: str | None) -> str:
     The record of a cell is a memo of its judgement: other judging code judges the cell again.
     """
     case_keys = [(case.id, case.required, _case_inputs(case), _limits(case), case.checks) for case in cases]
-    programs = [sorted(context.asked(case).program.items()) for case in cases]
+    programs = [sorted(context.plan_case(case).program.items()) for case in cases]
     how = (context.verify, context.until, context.laboratory.host.conditions)
     return digest("cell", context.identity, lock, case_keys, programs, how, _judging())
 

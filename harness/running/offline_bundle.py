@@ -222,13 +222,13 @@ class Fetched:
             reason = f"was not fetched: {entry.decisive if entry else 'it is new'}; fetch it again"
             return None, Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=reason)
         try:
-            kept = self._answer(entry.answer)
+            stored = self._answer(entry.answer)
         except Changed as error:
             return None, Step(phase=Phase.RESOLVE, outcome=Outcome.INFRA, decisive=str(error))
-        if kept.lock is None:
-            assert kept.step
-            return None, replace(kept.step, reused=True)
-        lock = replace(kept.lock, pins=tuple(map(self._here, kept.lock.pins)))
+        if stored.lock is None:
+            assert stored.step
+            return None, replace(stored.step, reused=True)
+        lock = replace(stored.lock, pins=tuple(map(self._here, stored.lock.pins)))
         file = open_store().lock_file(lock)
         if not file.exists():
             write_atomic(file, lock.requirements.encode())

@@ -112,7 +112,7 @@ class Bench:
     """Everything that a run of a suite needs; `places` maps this machine's folders to their names in evidence."""
 
     subject: Subject
-    known: SubjectWheel
+    package: SubjectWheel
     site: launch.Site
     vault: Vault
     host: Host
@@ -130,16 +130,16 @@ class Bench:
                 source = package_under_test.copy_source(self.subject, scratch / "source")
             except CouldNotTell as error:
                 host = replace(self.host, source=str(error))
-                return self._kept(request, key, End(), host, {})
-            remove_modules(source, self.known)
+                return self._store_run(request, key, End(), host, {})
+            remove_modules(source, self.package)
             end, host, texts = self._ran(request.limits[CHECK], scratch, source, left)
-        return self._kept(request, key, end, host, texts)
+        return self._store_run(request, key, end, host, texts)
 
     def _ran(self, seconds: float, scratch: Path, source: Path, left: Folder) -> tuple[End, Host, dict[str, bytes]]:
         site = self.site
         launch.furnish(site, scratch / "home")
         folder, sealed = launch.prepare_environment(site, scratch)
-        with site.code(folder, CHECK, self.known.modules) as code:
+        with site.code(folder, CHECK, self.package.modules) as code:
             place = _Place(scratch, source, folder, sealed, code)
             ran, lost, shown = _shown(_command(self, seconds, place), scratch)
         completed = launch.watched(site, folder, ran)
@@ -155,7 +155,7 @@ class Bench:
         cleaned = {name: clean(text).encode() for name, text in texts.items() if text}
         return end, replace(self.host, stood=stood), cleaned
 
-    def _kept(self, request: Request, key: str, end: End, host: Host, texts: Mapping[str, bytes]) -> str:
+    def _store_run(self, request: Request, key: str, end: End, host: Host, texts: Mapping[str, bytes]) -> str:
         run = ProbeRun(
             request=request,
             program={CHECK: launch.file_hash(DOOR)},
@@ -188,7 +188,7 @@ def _command(bench: Bench, seconds: float, at: _Place) -> process.Command:
             "-s",
             str(DOOR),
             str(scratch / MODULES),
-            ",".join(bench.known.modules),
+            ",".join(bench.package.modules),
             *bench.suite.arguments,
             "--color=no",
             "-rfE",
@@ -196,7 +196,7 @@ def _command(bench: Bench, seconds: float, at: _Place) -> process.Command:
             f"--junitxml={scratch / JUNIT}",
         ),
         cwd=at.source,
-        env={**site.cached(scratch / "home", at.code), "PATH": path, "VIRTUAL_ENV": str(folder)},
+        env={**site.run_variables(scratch / "home", at.code), "PATH": path, "VIRTUAL_ENV": str(folder)},
         limits=process.Limits(seconds=seconds, memory_mb=bench.suite.memory_mb),
         log=scratch / LOG,
         profile=process.Profile.CELL,

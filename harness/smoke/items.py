@@ -115,7 +115,7 @@ class CellItem(OutcomeItem):
         self.add_marker(self.name)
         self.user_properties.append((junit.CELL, cell.id))
 
-    def told_of(self, record: CellRecord) -> dict[str, str]:
+    def read_facts(self, record: CellRecord) -> dict[str, str]:
         """Return the facts of a record for reports: machine, Python, hash of the lock, key of the environment."""
         facts = {"machine": record.machine, "python": record.python, "lock_sha256": record.lock_sha256}
         return {name: value for name, value in {**facts, "environment": record.key}.items() if value}
@@ -129,7 +129,7 @@ class StepItem(CellItem):
         measuring = self.config.stash[SESSION].measuring
         assert self.phase
         record = measuring.steps(self.cell)
-        self.facts = self.told_of(record)
+        self.facts = self.read_facts(record)
         shown = measuring.selection.phases(self.cell)
         return judging.judge_phase(self.cell, self.phase, judging.collect_phases(record), shown, store.now())
 
@@ -143,7 +143,7 @@ class PhaseItem(CellItem):
         assert self.case
         assert self.phase
         record = measuring.case(self.cell, self.case)
-        self.facts = self.told_of(record)
+        self.facts = self.read_facts(record)
         shown = measuring.shown(self.cell, self.case)
         return judging.judge_phase(self.cell, self.phase, judging.collect_phases(record), shown, store.now())
 
@@ -156,7 +156,7 @@ class SuiteItem(CellItem):
         measuring = self.config.stash[SESSION].measuring
         assert self.phase
         record = measuring.suite(self.cell)
-        self.facts = self.told_of(record)
+        self.facts = self.read_facts(record)
         imports = (measuring.selection.phases(self.cell, case.id) & {Phase.IMPORT} for case in self.cell.cases)
         shown = measuring.selection.phases(self.cell).union(*imports)
         return judging.judge_phase(self.cell, self.phase, judging.collect_suite(record), shown, store.now())
@@ -170,7 +170,7 @@ class VerdictItem(CellItem):
         measuring = self.config.stash[SESSION].measuring
         self.record = measuring.whole(self.cell)
         assessment = assess(self.record, shipped_signatures.beside(measuring.store.folder), store.now())
-        self.facts = {**self.told_of(self.record), "verdict": assessment.verdict.value}
+        self.facts = {**self.read_facts(self.record), "verdict": assessment.verdict.value}
         return judging.judge_cell(assessment)
 
 

@@ -80,16 +80,16 @@ class Measuring:
     def steps(self, cell: Cell) -> CellRecord:
         """Resolve the cell, and install it unless only its lock is wanted. Return the record."""
         until = Phase.RESOLVE if self.selection.resolved_only(cell) else CASE_PHASES[-1]
-        return self._measured(cell, ITSELF, replace(cell, cases=()), until)
+        return self._measure(cell, ITSELF, replace(cell, cases=()), until)
 
     def case(self, cell: Cell, case: Case) -> CellRecord:
         """Run the wanted phases of one case in one go, as `run` does. Return the record."""
-        return self._measured(cell, case.id, replace(cell, cases=(self._wanted(cell, case),)), CASE_PHASES[-1])
+        return self._measure(cell, case.id, replace(cell, cases=(self._wanted(cell, case),)), CASE_PHASES[-1])
 
     def suite(self, cell: Cell) -> CellRecord:
         """Run the suite of the cell's subject, after the imports that it needs."""
         cases = tuple(self._wanted(cell, case, {Phase.IMPORT}) for case in cell.cases)
-        return self._measured(cell, SUITE, replace(cell, cases=cases), Phase.SUITE)
+        return self._measure(cell, SUITE, replace(cell, cases=cases), Phase.SUITE)
 
     def environment(self, cell: Cell) -> tuple[CellRecord, launch.Site | None]:
         """Install the environment of a cell. Return the record and the environment, None if that failed."""
@@ -121,7 +121,7 @@ class Measuring:
         wanted = self.selection.wanted(cell, case) | more
         return replace(case, checks=tuple(check for check in case.checks if phase_of(check) in wanted))
 
-    def _measured(self, cell: Cell, name: str, part: Cell, until: Phase) -> CellRecord:
+    def _measure(self, cell: Cell, name: str, part: Cell, until: Phase) -> CellRecord:
         if (cell.id, name) not in self._records:
             record = self._controlled(cell, until).measure(part)
             self._records[cell.id, name] = record

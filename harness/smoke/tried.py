@@ -93,7 +93,7 @@ class CellUnderTest:
             command = process.Command(
                 argv=(str(folder / self.site.python.relative_to(self.site.folder)), "-s", str(script), *arguments),
                 cwd=scratch / "home",
-                env=self.site.cached(scratch / "home", lent),
+                env=self.site.run_variables(scratch / "home", lent),
                 limits=limits,
                 log=scratch / "log.txt",
                 profile=process.Profile.CELL,

@@ -59,7 +59,7 @@ def _program() -> str:
 
 def _explain(args: argparse.Namespace, command: Optional[List[str]]) -> int:
     place = Place(program=_program(), alone=True)
-    knowledge = explain.Knowledge(known=_load_signatures, measured=_load_measurements)
+    knowledge = explain.Knowledge(signatures=_load_signatures, measured=_load_measurements)
     if command is None:
         return explain.of_text(args, knowledge, place)
     return explain.of_command(args, command, knowledge, place)

@@ -13,7 +13,7 @@ from typing import Any, Iterable, List, NamedTuple, Tuple
 class Fit(NamedTuple):
     """A known failure that fits. `seen` is the line that shows it, `says` whether that line says why it failed."""
 
-    known: Any
+    diagnosis: Any
     masks: bool
     generic: bool
     seen: str
@@ -24,7 +24,7 @@ def select_counting(fits: Iterable[Fit]) -> Tuple[Any, ...]:
     """Return the known failures that count, in the order given, which is the deepest cause first."""
     causes = _causes(fits)
     specific = {one.seen for one in causes if not one.masks and not one.generic and one.seen}
-    return tuple(one.known for one in causes if one.masks or not (one.generic and one.seen in specific))
+    return tuple(one.diagnosis for one in causes if one.masks or not (one.generic and one.seen in specific))
 
 
 def nameable(fits: Iterable[Fit]) -> Tuple[Any, ...]:
@@ -32,7 +32,7 @@ def nameable(fits: Iterable[Fit]) -> Tuple[Any, ...]:
 
     So an expectation stays met when something more specific comes to be known of its failure.
     """
-    return tuple(one.known for one in _causes(fits))
+    return tuple(one.diagnosis for one in _causes(fits))
 
 
 def _causes(fits: Iterable[Fit]) -> List[Fit]:

@@ -116,7 +116,7 @@ class Evidence(NamedTuple):
     """
 
     phase: Optional[str]
-    told: Tuple[str, ...] = ()
+    reasons: Tuple[str, ...] = ()
     logs: Tuple[str, ...] = ()
     signal: Optional[str] = None
     observed: Optional[Tuple[Any, ...]] = None
@@ -136,7 +136,7 @@ class Diagnosis(NamedTuple):
     signature: Any
     phase: Optional[str]
     seen: str
-    told: bool
+    is_reason: bool
 
     @property
     def rank(self) -> Tuple[Any, ...]:
@@ -145,7 +145,7 @@ class Diagnosis(NamedTuple):
         A mask comes last. Causes in packages come before those of the machine, specific ones before generic
         ones, and those in lines that say why before those in logs.
         """
-        return rank(self.signature, not self.told, _order(self.phase))
+        return rank(self.signature, not self.is_reason, _order(self.phase))
 
 
 def rank(signature: Any, *nearness: int) -> Tuple[Any, ...]:
@@ -177,7 +177,7 @@ def _beside_the_point(hit: Diagnosis) -> bool:
 
     In other phases it counts: what installers say stands in their logs alone.
     """
-    return hit.signature.masks and not hit.told and hit.phase in PROBED
+    return hit.signature.masks and not hit.is_reason and hit.phase in PROBED
 
 
 def lurking(signatures: Iterable[K], around: Around) -> Tuple[K, ...]:
@@ -208,7 +208,7 @@ def _hit(signature: Any, evidence: Any) -> Optional[Diagnosis]:
     if signature.signal and signature.signal != evidence.signal:
         return None
     if signature.wording is None:
-        return Diagnosis(signature, evidence.phase, "killed by {}".format(signature.signal), told=True)
+        return Diagnosis(signature, evidence.phase, "killed by {}".format(signature.signal), is_reason=True)
     return _by_code(signature, evidence) or _by_pattern(signature, evidence)
 
 
@@ -216,7 +216,7 @@ def _by_code(signature: Any, evidence: Any) -> Optional[Diagnosis]:
     """Return the hit of the observation that has the code and data of this failure; None without one."""
     for each in evidence.observed or () if signature.code else ():
         if signature.observes(each.observed):
-            return Diagnosis(signature, evidence.phase, shorten_line(each.line), told=each.told)
+            return Diagnosis(signature, evidence.phase, shorten_line(each.line), is_reason=each.is_reason)
     return None
 
 
@@ -226,11 +226,11 @@ def _by_pattern(signature: Any, evidence: Any) -> Optional[Diagnosis]:
     If there are only texts, a pattern that finds our own sentences, too, is used.
     """
     pattern = signature.wording if evidence.observed is None else signature.pattern
-    for is_reason, texts in ((True, evidence.told), (False, evidence.logs)):
+    for is_reason, texts in ((True, evidence.reasons), (False, evidence.logs)):
         for text in texts if pattern else ():
             match = search(pattern, text)
             if match:
-                return Diagnosis(signature, evidence.phase, _line(text, match), told=is_reason)
+                return Diagnosis(signature, evidence.phase, _line(text, match), is_reason=is_reason)
     return None
 
 

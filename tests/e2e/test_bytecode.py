@@ -22,7 +22,7 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Source:
     folder = tmp_path / "environment"
     (folder / "package").mkdir(parents=True)
     (folder / "package/__init__.py").write_text(MODULE)
-    return Source(folders=(folder,), python=Path(sys.executable), kept=tmp_path / "cache/pycache/key")
+    return Source(folders=(folder,), python=Path(sys.executable), cache=tmp_path / "cache/pycache/key")
 
 
 def imported(lent: RunFolders, folder: Path, more: str = "") -> str:
@@ -63,7 +63,7 @@ def test_what_a_run_needed_is_there_for_the_next(source: Source) -> None:
         before = pyc(lent, folder).stat().st_mtime_ns
         imported(lent, folder)
         assert pyc(lent, folder).stat().st_mtime_ns == before  # it was good as it was
-    assert not list(source.kept.glob("simmatrix-*"))
+    assert not list(source.cache.glob("simmatrix-*"))
 
 
 def test_a_copy_of_an_environment_has_it_in_its_own_place(source: Source, tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ def test_damage_is_not_used(source: Source, damage: str) -> None:
     """However the file is damaged, a run compiles again, and the next run finds it whole."""
     (folder,) = source.folders
     warmed(source)
-    code = source.kept / bytecode.CODE
+    code = source.cache / bytecode.CODE
     content = code.read_bytes()
     code.unlink()
     match damage:
@@ -113,10 +113,10 @@ def test_damage_is_not_used(source: Source, damage: str) -> None:
 def test_forgotten_code_is_compiled_anew(source: Source) -> None:
     """`--fresh` and `--verify` use no bytecode of earlier runs."""
     warmed(source)
-    bytecode.forget(source.kept)
-    assert not (source.kept / bytecode.CODE).exists()
+    bytecode.forget(source.cache)
+    assert not (source.cache / bytecode.CODE).exists()
     warmed(source)
-    assert (source.kept / bytecode.CODE).exists()
+    assert (source.cache / bytecode.CODE).exists()
 
 
 def test_a_source_that_cannot_be_compiled_is_asked_for_once(source: Source) -> None:

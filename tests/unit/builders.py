@@ -195,7 +195,7 @@ def document_of(*records: CellRecord, knowledge: Knowledge = NOTHING_KNOWN, **pl
     cells = tuple({one.cell.id: one.cell for one in records}.values())
     planned = Plan(matrix="quick", cells=cells, **plan)
     machines = {one.machine: MACHINES[HERE] for one in records}
-    return document.build(records, [planned], machines, GENERATED, known=knowledge)
+    return document.build(records, [planned], machines, GENERATED, knowledge=knowledge)
 
 
 def entry(cell_record: CellRecord, knowledge: Knowledge = NOTHING_KNOWN) -> CellEntry:

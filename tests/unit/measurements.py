@@ -124,7 +124,7 @@ def of_hand() -> Iterator[Measurement]:
             around = Around(
                 requirements=tuple(f"{name}=={it}" for name, it in versions.items()), python=combination["python"]
             )
-            seen = Evidence(phase=None if works else Phase(case["first_failure"]), told=(case.get("decisive", ""),))
+            seen = Evidence(phase=None if works else Phase(case["first_failure"]), reasons=(case.get("decisive", ""),))
             diagnoses = () if works else diagnose(signatures, [seen], around)
             yield Measurement(
                 source=f"measured.toml, combination {number}: {case['env']}",
@@ -132,7 +132,7 @@ def of_hand() -> Iterator[Measurement]:
                 question=lines,
                 versions=versions,
                 python=combination["python"],
-                causes=tuple(str(each.signature.id) for each in select_counting(diagnoses, seen.told)),
+                causes=tuple(str(each.signature.id) for each in select_counting(diagnoses, seen.reasons)),
                 works=works,
                 passed=works,
             )

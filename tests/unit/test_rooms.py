@@ -125,7 +125,7 @@ ENTERED = {
 
 @pytest.mark.parametrize("room", sorted({package(module) for module in MODULES} - {"harness", "harness.model"}))
 def test_a_room_is_entered_by_its_doors(room: str) -> None:
-    """What other rooms import of it stands in the `__all__` of its `__init__`; the rest is its own, and may change.
+    """Other rooms import only names of the `__all__` of its `__init__`; the rest is its own, and may change.
 
     `model` is the other way round: all of it is words for everybody.
     """

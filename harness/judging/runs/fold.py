@@ -185,7 +185,7 @@ def _confirmed(folded: Folded, request: Request, ended: Mapping[str, Ended]) -> 
 class _RunJudge:
     """One run of a case, to be read."""
 
-    asked: CasePlan
+    case_plan: CasePlan
     folded: Folded
     reading: Reading
 

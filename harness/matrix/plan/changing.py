@@ -26,7 +26,7 @@ class Changing:
     claim: Callable[[str], None]
     dropped: dict[str, str] = field(default_factory=dict)
     fitting: set[int] = field(default_factory=set)
-    made: set[str] = field(default_factory=set)
+    cell_ids: set[str] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.choices = [_choice(table) for table in self.matrix.change]
@@ -39,11 +39,11 @@ class Changing:
                 self.fitting.add(index)
                 with locate_errors(self.matrix.path, "change", index):
                     changed = self._changed(cell, combination, index, table)
-                    if changed.id in self.made:
+                    if changed.id in self.cell_ids:
                         message = f'another change of {cell.id} is called "{table.name}", too'
                         raise ValueError(message)
                     self.claim(changed.id)
-                    self.made.add(changed.id)
+                    self.cell_ids.add(changed.id)
                 if changes.same(changed, cell):
                     self.dropped[changed.id] = UNCHANGED
                 else:
@@ -88,7 +88,7 @@ class Changing:
 def _choice(table: ChangeTable) -> Choice:
     """Return the change as the value of an axis after all others, so that its additions come last."""
     name = str(table.name)
-    return Choice(axis="change", kind=Kind.BUNDLE, asked=name, text=name, label=name, changes=table)
+    return Choice(axis="change", kind=Kind.BUNDLE, literal=name, text=name, label=name, changes=table)
 
 
 def _besides(table: ChangeTable) -> Iterator[str]:

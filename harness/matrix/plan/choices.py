@@ -18,7 +18,7 @@ class Choice:
 
     axis: str
     kind: Kind
-    asked: str
+    literal: str
     text: str
     label: str
     changes: Changes = NO_CHANGES
@@ -54,7 +54,7 @@ def _distinct_choices(matrix: Matrix, name: str, values: Iterable[Value], host: 
         for choice in axis_choices:
             twin = by_folder.setdefault(cellid.as_folder(choice.label), choice)
             if twin is not choice:
-                message = f'"{twin.asked}" and "{choice.asked}" cannot be told apart: both are "{choice.label}"'
+                message = f'"{twin.literal}" and "{choice.literal}" cannot be told apart: both are "{choice.label}"'
                 raise ValueError(message)
     return axis_choices
 
@@ -75,7 +75,9 @@ def choice_of(name: str, kind: Kind, value: Value, host: str) -> Choice:
         case Kind.EXTRA | Kind.GROUP:
             text, label = literal or NONE, cellid.spell(literal) or f"no-{kind}"
     Label.canonical(text)
-    return Choice(axis=name, kind=kind, asked=literal, text=text, label=label, changes=value.changes, cases=value.cases)
+    return Choice(
+        axis=name, kind=kind, literal=literal, text=text, label=label, changes=value.changes, cases=value.cases
+    )
 
 
 class Condition(NamedTuple):

@@ -32,9 +32,9 @@ def choose(candidates: Candidates, ask: Ask, say: Callable[[str], None]) -> Chos
     return Chosen(
         made_from=candidates.made_from,
         axes=tuple(candidates.axes),
-        combinations=tuple(tuple(choice.asked for choice in candidates.combination(row)) for row in rows),
+        combinations=tuple(tuple(choice.literal for choice in candidates.combination(row)) for row in rows),
         unresolvable=tuple(
-            Unresolvable(axes={choice.axis: choice.asked for choice in part}, reason=search.found[part])
+            Unresolvable(axes={choice.axis: choice.literal for choice in part}, reason=search.found[part])
             for part in sorted(search.found, key=lambda part: [candidates.places[choice] for choice in part])
         ),
     )
@@ -60,21 +60,21 @@ class _Search:
         ways = self.candidates.matrix.strategy.covering
         allowed = [self.candidates.row(each) for each in self.candidates.combinations.values()]
         named = [self.candidates.row(each) for each in self.candidates.named.values()]
-        self._try(named)
+        self._resolve_rows(named)
         while True:
             allowed = [row for row in allowed if not self._unresolvable(row)]
             given = [row for row in named if not self._unresolvable(row)]
-            rows = covering(allowed, ways, given=given, kept=sorted(self.resolved - set(named)))
+            rows = covering(allowed, ways, given=given, preferred=sorted(self.resolved - set(named)))
             if not (new := [row for row in rows if row not in self.resolved]):
                 return sorted(set(rows) - set(named))
             say(f"asking whether {len(new)} combinations resolve ({len(self.resolved)} of those chosen do)")
-            self._try(new)
+            self._resolve_rows(new)
 
     def _unresolvable(self, row: Row) -> bool:
         chosen = set(self.candidates.combination(row))
         return any(chosen.issuperset(part) for part in self.found)
 
-    def _try(self, rows: Sequence[Row]) -> None:
+    def _resolve_rows(self, rows: Sequence[Row]) -> None:
         whole = [self.candidates.combination(row) for row in rows]
         parts = {row: self._without(each, self.weightless) for row, each in zip(rows, whole, strict=True)}
         failed: dict[Row, str] = {}
@@ -114,7 +114,7 @@ class _Search:
             id=cellid.build(name, [choice.label for choice in part]),
             matrix=name,
             axes={choice.axis: choice.text for choice in part},
-            python=next(choice.asked for choice in whole if choice.kind is Kind.PYTHON),
+            python=next(choice.literal for choice in whole if choice.kind is Kind.PYTHON),
             question=replace(question, requirements=requirements),
             environment={},
             cases=(),

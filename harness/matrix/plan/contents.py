@@ -125,7 +125,9 @@ class Contents:
         """Return the package under test with the extras and groups of a combination."""
         if self.source is None:
             return None
-        chosen = {kind: [c.asked.split("+") for c in combination if c.kind is kind and c.asked] for kind in OF_SUBJECT}
+        chosen = {
+            kind: [c.literal.split("+") for c in combination if c.kind is kind and c.literal] for kind in OF_SUBJECT
+        }
         changes = [part.changes for part in self._parts(combination)]
         key = (
             _distinct(chain(*(map(str, change.extras) for change in changes), *chosen[Kind.EXTRA])),
@@ -169,12 +171,12 @@ class Contents:
     def cases(self, combination: Combination) -> tuple[Case, ...]:
         """Return the cases that exist in a combination; there may be none."""
         parts = self._parts(combination)
-        found = tuple(case for part in parts for case, when in part.cases if when.holds(combination))
-        found = tuple(self._speaking(case, combination) if case.env and not case.api else case for case in found)
-        key = tuple(map(id, found))
+        existing = tuple(case for part in parts for case, when in part.cases if when.holds(combination))
+        existing = tuple(self._speaking(case, combination) if case.env and not case.api else case for case in existing)
+        key = tuple(map(id, existing))
         if key not in self.known_cases:
-            self._check_distinct(found)
-            self.known_cases[key] = found
+            self._check_distinct(existing)
+            self.known_cases[key] = existing
         return self.known_cases[key]
 
     def _speaking(self, case: Case, combination: Combination) -> Case:
@@ -194,7 +196,7 @@ class Contents:
         yield from ((own.get(id(case), case), f"cases[{index}]") for index, (case, _) in enumerate(self.base.cases))
         for choice in choices:
             for index, (case, _) in enumerate(self._parts((choice,))[-1].cases if choice.cases else ()):
-                yield own.get(id(case), case), f"{key_path('axes', choice.axis, choice.asked, 'cases', index)}"
+                yield own.get(id(case), case), f"{key_path('axes', choice.axis, choice.literal, 'cases', index)}"
 
     def _check_distinct(self, cases: Iterable[Case]) -> None:
         by_id: dict[str, Case] = {}
@@ -235,7 +237,7 @@ class Contents:
 
     def _surroundings(self, combination: Combination) -> Surroundings:
         changes = [part.changes for part in self._parts(combination)]
-        variables = {choice.axis: choice.asked for choice in combination if choice.kind is Kind.VARIABLE}
+        variables = {choice.axis: choice.literal for choice in combination if choice.kind is Kind.VARIABLE}
         files = _merged(change.files for change in changes)
         self._check_places(files)
         return Surroundings(

@@ -16,10 +16,12 @@ Part = tuple[tuple[int, int], ...]
 """Some axes of a row, each with its value."""
 
 
-def covering(allowed: Sequence[Row], ways: int, *, given: Sequence[Row] = (), kept: Sequence[Row] = ()) -> list[Row]:
+def covering(
+    allowed: Sequence[Row], ways: int, *, given: Sequence[Row] = (), preferred: Sequence[Row] = ()
+) -> list[Row]:
     """Choose allowed rows with every part of `ways` axes that the allowed rows have; the same rows every time.
 
-    The result includes the rows in `given`. Rows in `kept` are taken before others, as far as they are needed.
+    The result includes the rows in `given`. Rows in `preferred` are taken before others, as far as they are needed.
     """
     from covertable import Controller  # type: ignore[import-untyped]  # noqa: PLC0415 - for `lock`, not every start
 
@@ -41,7 +43,7 @@ def covering(allowed: Sequence[Row], ways: int, *, given: Sequence[Row] = (), ke
         [list(range(1 + max(row[axis] for row in allowed))) for axis in range(width)],
         strength=ways,
         constraints=[{"operator": "fn", "requires": (), "evaluate": completes}],
-        presets=[list(row) for row in (*given, *kept)],
+        presets=[list(row) for row in (*given, *preferred)],
     )
     return _needed([tuple(row) for row in controller.make_async()], ways, set(given))
 

@@ -184,7 +184,7 @@ def _combination(
 ) -> Combination:
     """Return an included combination; its values need not be listed by the axes."""
     return tuple(
-        next((choice for choice in listed if choice.asked == literals[name]), None)
+        next((choice for choice in listed if choice.literal == literals[name]), None)
         or choice_of(name, matrix.axes[name].kind, Value(text=literals[name]), host_python)
         for name, listed in axes.items()
     )
@@ -238,7 +238,7 @@ def _cells(
             id=name,
             matrix=matrix.name,
             axes={choice.axis: choice.text for choice in combination},
-            python=next(choice.asked for choice in combination if choice.kind is Kind.PYTHON),
+            python=next(choice.literal for choice in combination if choice.kind is Kind.PYTHON),
             question=contents.question(combination),
             environment=around.environment,
             cases=contents.cases(combination),

@@ -54,9 +54,9 @@ def _baseline(matrix: Matrix, axes: Axes, named: Mapping[str, str]) -> Combinati
 def _named(matrix: Matrix, choices: Sequence[Choice], literal: str) -> Choice:
     with locate_errors(matrix.path, "strategy", "baseline", choices[0].axis):
         for choice in choices:
-            if choice.asked == literal:
+            if choice.literal == literal:
                 return choice
-        message = f'the axis has no value "{literal}"{suggestion(literal, [choice.asked for choice in choices])}'
+        message = f'the axis has no value "{literal}"{suggestion(literal, [choice.literal for choice in choices])}'
         raise ValueError(message)
 
 
@@ -116,7 +116,7 @@ class Candidates:
         """Return a hash of all that decides a covering array's combinations, except the index."""
         inputs: dict[str, Any] = {
             "axes": {
-                name: [(choice.asked, weight(choice.changes, NO_CHANGES)) for choice in choices]
+                name: [(choice.literal, weight(choice.changes, NO_CHANGES)) for choice in choices]
                 for name, choices in self.axes.items()
             },
             "combinations": [self.row(each) for each in self.combinations.values()],
@@ -136,7 +136,7 @@ class Candidates:
     @cached_property
     def names(self) -> dict[tuple[str, ...], str]:
         """Return the id of each combination, by its values as the file writes them."""
-        return {tuple(choice.asked for choice in each): name for name, each in self.combinations.items()}
+        return {tuple(choice.literal for choice in each): name for name, each in self.combinations.items()}
 
     def chosen(self, expansion: Expansion | None) -> dict[str, Combination]:
         """Return the combinations that the strategy chooses; a covering array is taken from the expansion.
@@ -190,7 +190,7 @@ class Candidates:
         chosen = expansion.chosen
         if not isinstance(chosen, Chosen) or chosen.made_from != self.made_from or not expansion.fits(self.matrix):
             return False
-        axis_values = {(name, choice.asked) for name, choices in self.axes.items() for choice in choices}
+        axis_values = {(name, choice.literal) for name, choices in self.axes.items() for choice in choices}
         return self.names.keys() >= set(chosen.combinations) and all(
             axis_values >= set(entry.axes.items()) for entry in chosen.unresolvable
         )
@@ -204,7 +204,7 @@ class Candidates:
             for name in gone:
                 del rest[name]
             parts = (
-                next(choice.label for choice in choices if choice.asked == entry.axes[name])
+                next(choice.label for choice in choices if choice.literal == entry.axes[name])
                 if name in entry.axes
                 else "*"
                 for name, choices in self.axes.items()
@@ -241,7 +241,7 @@ class Candidates:
 
 
 def _has(combination: Combination, values: Mapping[str, str]) -> bool:
-    return all(values.get(choice.axis, choice.asked) == choice.asked for choice in combination)
+    return all(values.get(choice.axis, choice.literal) == choice.literal for choice in combination)
 
 
 def weight(table: msgspec.Struct, empty: msgspec.Struct = NO_CHANGES) -> dict[str, Any]:

@@ -65,7 +65,7 @@ class Source:
 
     folders: tuple[Path, ...]
     python: Path
-    kept: Path
+    cache: Path
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -97,9 +97,9 @@ def lend_folders(source: Source, shown: Path, trust: str) -> Iterator[RunFolders
     `trust` is equal for runs that import the same.
     """
     with ExitStack() as stack:
-        _swept(source.kept)
+        _swept(source.cache)
         try:
-            run, cache = stack.enter_context(scratch_folder(source.kept)), source.kept
+            run, cache = stack.enter_context(scratch_folder(source.cache)), source.cache
         except OSError:  # a cache that nobody may write to: what this run compiles goes with it
             run = cache = stack.enter_context(scratch_folder())
         folders = RunFolders(prefix=run / "pycache", compiled=cache / "compiled" / trust)
@@ -110,7 +110,7 @@ def lend_folders(source: Source, shown: Path, trust: str) -> Iterator[RunFolders
             _unpacked(code, folders.prefix, source, shown)
         yield folders
         with suppress(OSError):
-            _note(source.kept, set(_needed(folders.prefix, source, shown)) - {*code})
+            _note(source.cache, set(_needed(folders.prefix, source, shown)) - {*code})
 
 
 def forget(cache: Path) -> None:
@@ -128,14 +128,14 @@ Code = Mapping[str, tuple[str, bytes]]
 
 def _grown(source: Source) -> Code:
     """Return the byte code that is kept, with that of sources which the runs before this one needed."""
-    code = _read(source.kept / CODE)
-    missing = sorted(set(_names(source.kept)) - {*code})
+    code = _read(source.cache / CODE)
+    missing = sorted(set(_names(source.cache)) - {*code})
     if not missing:
         return code
     with suppress(OSError, Unreadable):
         code = {**code, **_compiled(source, missing)}
         content = _encoded(code)
-        write_atomic(source.kept / CODE, hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
+        write_atomic(source.cache / CODE, hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
     return code
 
 
@@ -166,7 +166,7 @@ def _decoded(content: bytes) -> Code:
 
 
 def _compiled(source: Source, names: list[str]) -> Code:
-    with scratch_folder(source.kept) as work:
+    with scratch_folder(source.cache) as work:
         home, listed, output = work / "home", work / "names", work / "made"
         home.mkdir()
         listed.write_text(json.dumps(names), encoding="utf-8")

@@ -78,14 +78,14 @@ class Installed(Distribution):
     @property
     def name(self) -> str:
         """Return its name. Raises Unreadable."""
-        return self._said("Name")
+        return self._read_field("Name")
 
     @property
     def version(self) -> str:
         """Return its version. Raises Unreadable."""
-        return self._said("Version")
+        return self._read_field("Version")
 
-    def _said(self, key: str) -> str:
+    def _read_field(self, key: str) -> str:
         with understanding():
             if key in self.metadata and (value := str(self.metadata[key]).strip()):
                 return value

@@ -29,7 +29,7 @@ class Source:
 
     bring: Bring
     source: str
-    found: Brought
+    fingerprint: Brought
 
 
 def absent(bring: Bring) -> str | None:
@@ -53,12 +53,12 @@ def inspect_source(bring: Bring, *, offline: bool = False) -> Source:
         message = f"{bring.variable}: {source} is neither a folder nor an archive; {bring.say}"
         raise BadInput(message)
     fingerprint = Brought(name=bring.name, mark=state.mark, commit=state.commit, changed=state.changed)
-    return Source(bring=bring, source=source, found=fingerprint)
+    return Source(bring=bring, source=source, fingerprint=fingerprint)
 
 
 def copy_source(source: Source) -> Path:
     """Return the folder of the copy for cells, made now or before. Raises BadInput for a file that is no archive."""
-    folder = cache_folder() / "brought" / digest("brought", source.found.mark)
+    folder = cache_folder() / "brought" / digest("brought", source.fingerprint.mark)
     use(folder)
     with exclusive(folder.with_suffix(".lock")):
         remembered = folder / WHOLE
@@ -84,7 +84,7 @@ def _source(bring: Bring) -> str:
 
 def _copy(source: Source, target: Path) -> Path:
     if source.source.startswith(checkouts.REPOSITORY):
-        return checkouts.copy_commit(source.source, source.found.commit or "", target)
+        return checkouts.copy_commit(source.source, source.fingerprint.commit or "", target)
     path = Path(source.source)
     if path.is_dir():
         return checkouts.copy_folder(path, target)

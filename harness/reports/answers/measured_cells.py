@@ -76,10 +76,10 @@ class CellResult:
 
     def version(self, name: str) -> str | None:
         """Return the installed version of a package, or the version asked for if nothing could be locked."""
-        return self.pins.get(name) or (None if self.pins else self._asked.get(name))
+        return self.pins.get(name) or (None if self.pins else self._requested_versions.get(name))
 
     @cached_property
-    def _asked(self) -> dict[str, str]:
+    def _requested_versions(self) -> dict[str, str]:
         """Return the versions that the cell asks for."""
         versions = {name: version for name, value in self.cell["axes"].items() if (version := _version(value))}
         for requirement in self.requirements:

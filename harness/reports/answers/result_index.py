@@ -117,5 +117,7 @@ def _own() -> Iterator[Layer]:
     records = [record for record in opened.cells() if record.measured]
     planned = Plan(matrix="", cells=tuple({record.cell.id: record.cell for record in records}.values()), axes=())
     machines: Mapping[str, Mapping[str, Any]] = {one.machine: opened.load_machine(one.machine) for one in records}
-    report = document.build(records, [planned], machines, store.now(), known=shipped_signatures.beside(opened.folder))
+    report = document.build(
+        records, [planned], machines, store.now(), knowledge=shipped_signatures.beside(opened.folder)
+    )
     yield digest.layer(json.loads(document.encode(report)), partial(_text, opened.folder))

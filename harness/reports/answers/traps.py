@@ -76,13 +76,18 @@ def _weight(trap: Red) -> tuple[Any, ...]:
 def _by_cause(reds: Sequence[CellResult]) -> list[list[CellResult]]:
     """Group red cells by known issue, else by the reason that a matrix gives for their line, else by the line."""
     reasons: dict[Any, set[str]] = {}
-    for one in reds:
-        reasons.setdefault(_line(one), set()).update(filter(None, [one.cell.get("reason")]))
+    for cell_result in reds:
+        reasons.setdefault(_line(cell_result), set()).update(filter(None, [cell_result.cell.get("reason")]))
     groups: dict[tuple[Any, ...], list[CellResult]] = {}
-    for one in sorted(reds, key=lambda result: not result.cell.get("reason")):
-        elsewhere = reasons[_line(one)] if len(reasons[_line(one)]) == 1 else ()
-        cause = tuple(one.cell["causes"]) or one.cell.get("reason") or next(iter(elsewhere), None) or _line(one)
-        groups.setdefault((one.cell["phase"], cause), []).append(one)
+    for cell_result in sorted(reds, key=lambda result: not result.cell.get("reason")):
+        elsewhere = reasons[_line(cell_result)] if len(reasons[_line(cell_result)]) == 1 else ()
+        cause = (
+            tuple(cell_result.cell["causes"])
+            or cell_result.cell.get("reason")
+            or next(iter(elsewhere), None)
+            or _line(cell_result)
+        )
+        groups.setdefault((cell_result.cell["phase"], cause), []).append(cell_result)
     return list(groups.values())
 
 

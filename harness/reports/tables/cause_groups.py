@@ -23,7 +23,7 @@ NAMED = 2
 RANGE = 3
 """Values one after the other, of which the first and the last are told."""
 
-SAID, LINE = "said", "line"
+REASON, LINE = "said", "line"
 
 Reason = tuple[Explanation, list[CellEntry]]
 Held = Mapping[str, set[str | None]]
@@ -39,7 +39,7 @@ def troubles(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[Trouble, 
         groups.setdefault(_cause(why, results[0]), []).append((why, results))
     for key in [key for key in groups if key[0] == LINE]:
         matches = [
-            other for other, held in groups.items() if other[0] == SAID and any(_line(why) == key for why, _ in held)
+            other for other, held in groups.items() if other[0] == REASON and any(_line(why) == key for why, _ in held)
         ]
         if len(matches) == 1:  # the matrix speaks of this line elsewhere, and of one cause
             groups[matches[0]] += groups.pop(key)
@@ -51,7 +51,7 @@ def _cause(why: Explanation, cell: CellEntry) -> tuple[str, ...]:
     if why.causes:
         return "known", why.causes[0].signature
     if cell.expectation and cell.as_expected:
-        return SAID, cell.expectation.reason
+        return REASON, cell.expectation.reason
     return _line(why) if why.decisive else ("verdict", why.verdict, why.phase)
 
 

@@ -35,4 +35,4 @@ def _fits(cell: CellEntry) -> Iterator[Fit]:
     lines = collect_reasons(cell)
     for diagnosis in cell.diagnoses:
         says = counting.is_stated(diagnosis.seen, lines)
-        yield Fit(known=diagnosis, masks=diagnosis.masks, generic=diagnosis.generic, seen=diagnosis.seen, says=says)
+        yield Fit(diagnosis=diagnosis, masks=diagnosis.masks, generic=diagnosis.generic, seen=diagnosis.seen, says=says)

@@ -37,7 +37,7 @@ def render(template: str, document: Document, report: Report) -> str:
     lookup = _Cells(document.cells)
     context: dict[str, Any] = {"rendering": egl_rules, "advising": egl_advice}
     context |= {
-        "cell": lookup.labelled,
+        "cell": lookup.find_cell,
         "cells": lookup.having,
         "case": _case,
         "effect": lookup.effect,
@@ -61,7 +61,7 @@ class _Cells:
             latest[cell.id] = max(previous, cell, key=lambda entry: entry.measured or "")
         self.cells = tuple(latest.values())
 
-    def labelled(self, label: str) -> CellEntry:
+    def find_cell(self, label: str) -> CellEntry:
         entry = next((cell for cell in self.cells if cellid.has_name(label, cell)), None)
         if entry is None:
             message = f'its page speaks of a cell "{label}", which the matrix does not have'
@@ -69,7 +69,7 @@ class _Cells:
         return entry
 
     def changed(self, label: str, name: str) -> CellEntry:
-        base = self.labelled(label)
+        base = self.find_cell(label)
         candidates = (cell for cell in self.cells if cell.base == base.id and cell.change and cell.change.name == name)
         entry = next(candidates, None)
         if entry is None:
@@ -83,7 +83,7 @@ class _Cells:
         return tuple(cell for cell in planned if all(_value(cell, name) in wanted[name] for name in wanted))
 
     def effect(self, label: str) -> str:
-        after = self.labelled(label)
+        after = self.find_cell(label)
         before = next((cell for cell in self.cells if cell.id == after.base), None)
         if before is None:
             message = f'its page asks what the change of "{label}" did, which is no changed cell'

@@ -52,7 +52,7 @@ class Step:
     candidate: Candidate
     why: str
     trial: Trial
-    said: Classification
+    classification: Classification
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -68,7 +68,7 @@ class BisectionResult:
     boundary: Boundary[Candidate] | None = None
     good: Step | None = None
     bad: Step | None = None
-    told: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     oldest_first: bool = True
 
 
@@ -99,7 +99,7 @@ class Bisection:
         self.task, self.bench, self.say = task, bench, say
         self.steps: list[Step] = []
         self.predicate: Predicate | None = None
-        self.told: list[str] = []
+        self.notes: list[str] = []
         self._ends: GoodEndSearch | None = None
 
     def run(self) -> BisectionResult:
@@ -110,7 +110,7 @@ class Bisection:
                 return self._answer(ended)
             good = self.task.good if self.task.good is not None else self._good_end()
         except BudgetExhausted as spent:
-            self.told += filter(None, (str(spent), self._tried()))
+            self.notes += filter(None, (str(spent), self._tried()))
             return self._answer(Status.STOPPED)
         if good is None:
             return self._answer(self._without_good_end())
@@ -120,9 +120,9 @@ class Bisection:
         """Return `NO_GOOD_END`, or `UNTOLD` if some candidates could not be judged here and may be good."""
         lost = [step.candidate.name for step in self.steps if step.trial.untold]
         if not lost:
-            self.told.append(f"no candidate was found that works: {self._tried()}")
+            self.notes.append(f"no candidate was found that works: {self._tried()}")
             return Status.NO_GOOD_END
-        self.told.append(f"of {', '.join(lost)} nothing could be told here, and each may be good; {self._tried()}")
+        self.notes.append(f"of {', '.join(lost)} nothing could be told here, and each may be good; {self._tried()}")
         return Status.UNTOLD
 
     # --- ends ------------------------------------------------------------------------------------------------------
@@ -146,9 +146,9 @@ class Bisection:
             return Status.UNTOLD
         if not has_package_failure(whole):
             self._note(candidate, "bad end", whole, classify_working(whole))
-            self.told.append(f"the bad end {candidate.name} is not bad: it {whole.well}")
+            self.notes.append(f"the bad end {candidate.name} is not bad: it {whole.success_text}")
             return Status.REFUSED
-        self._note(candidate, "bad end", whole, self.predicate.of(whole))
+        self._note(candidate, "bad end", whole, self.predicate.classify(whole))
         self.bench.stop_after(self.predicate.until)
         return None
 
@@ -160,8 +160,8 @@ class Bisection:
         bad = self.task.bad
         last = next(step for step in reversed(self.steps) if step.candidate == self.task.line[bad])
         looks = {place: _make_look(trial, said) for place in self._others() for trial, said in self._at_hand(place)}
-        looks[bad] = _make_look(last.trial, last.said)
-        self._ends = GoodEndSearch(len(self.task.line), bad, looks, self._looked)
+        looks[bad] = _make_look(last.trial, last.classification)
+        self._ends = GoodEndSearch(len(self.task.line), bad, looks, self._measure_end)
         return self._ends.find(self.task.hints)
 
     def _beyond(self, good: int) -> Iterator[str]:
@@ -173,10 +173,10 @@ class Bisection:
         ]
         if behind:
             name = self.task.line[min(behind, key=lambda place: abs(place - good))].name
-            words = next(step.said.words for step in reversed(self.steps) if step.candidate.name == name)
+            words = next(step.classification.words for step in reversed(self.steps) if step.candidate.name == name)
             yield f"only a range works: {self.task.axis} {name} fails as well ({words})"
 
-    def _looked(self, place: int) -> Look:
+    def _measure_end(self, place: int) -> Look:
         """Measure a candidate that may be a good end, and return its result."""
         classification = self._test(place, LOOKING, left=None)
         return _make_look(self.steps[-1].trial, classification)
@@ -187,7 +187,7 @@ class Bisection:
     def _at_hand(self, place: int) -> Iterator[tuple[Trial, Classification]]:
         trial = self.bench.at_hand(self.cell(self.task.line[place]))
         if trial:
-            yield trial, self._predicate.of(trial)
+            yield trial, self._predicate.classify(trial)
 
     def _tried(self) -> str:
         """Return in words how many candidates were tried as a good end, and which ones were not."""
@@ -206,17 +206,17 @@ class Bisection:
         bad, line = self.task.bad, self.task.line
         line = line[good : bad + 1] if good <= bad else line[bad : good + 1][::-1]
         cells = [self.cell(one) for one in line]
-        cost = [HANDY if self.bench.stands(cell) else 1.0 for cell in cells]
+        cost = [HANDY if self.bench.has_environment(cell) else 1.0 for cell in cells]
         search = Search(line, Rules(confidence=self.task.confidence, looks=2), cost)
         self._seed(search, line, cells)
         status, lower, upper = Status.STOPPED, None, None
         try:
             self._halve(search, line)
             status = self._status(search.result(), line)
-            lower, upper = self._confirmed(search.result())
+            lower, upper = self._confirm_neighbours(search.result())
         except BudgetExhausted as spent:
-            self.told.append(str(spent))
-        self.told += self._beyond(good)
+            self.notes.append(str(spent))
+        self.notes += self._beyond(good)
         return replace(
             self._answer(status), line=line, boundary=search.result(), good=lower, bad=upper, oldest_first=good <= bad
         )
@@ -225,13 +225,13 @@ class Bisection:
         """Give the search all results measured before, and the stored results that cost nothing."""
         measured: dict[str, list[Classification]] = {}
         for step in self.steps:
-            measured.setdefault(step.candidate.name, []).append(step.said)
+            measured.setdefault(step.candidate.name, []).append(step.classification)
         for place, (candidate, cell) in enumerate(zip(line, cells, strict=True)):
             for classification in measured.get(candidate.name, ()):
                 search.note(place, classification.answer, classification.why)
             trial = None if candidate.name in measured else self.bench.at_hand(cell)
             if trial:
-                classification = self._predicate.of(trial)
+                classification = self._predicate.classify(trial)
                 self._note(candidate, "at hand", trial, classification)
                 search.note(place, classification.answer, classification.why, free=True)
 
@@ -248,11 +248,11 @@ class Bisection:
         steps = "" if left is None else f", about {left} {'step' if left == 1 else 'steps'} left"
         self.say(f"{'again ' if before else ''}{self.task.axis} {candidate.name}{steps}")
         trial = self.bench.measure(self.cell(candidate), again=bool(before))
-        classification = self._predicate.of(trial)
+        classification = self._predicate.classify(trial)
         self._note(candidate, "again" if before else why, trial, classification)
         return classification
 
-    def _confirmed(self, boundary: Boundary[Candidate]) -> tuple[Step | None, Step | None]:
+    def _confirm_neighbours(self, boundary: Boundary[Candidate]) -> tuple[Step | None, Step | None]:
         """Measure both neighbours in all phases and return them; (None, None) if there is no boundary."""
         steps = []
         for candidate in (boundary.good, boundary.bad):
@@ -260,7 +260,7 @@ class Bisection:
                 return None, None
             self.say(f"{self.task.axis} {candidate.name} in all phases")
             trial = self.bench.measure(self.cell(candidate), keep=True, whole=True)
-            steps.append(self._note(candidate, "whole", trial, self._predicate.of(trial)))
+            steps.append(self._note(candidate, "whole", trial, self._predicate.classify(trial)))
         return steps[0], steps[1]
 
     def _status(self, boundary: Boundary[Candidate], line: Sequence[Candidate]) -> Status:
@@ -268,7 +268,7 @@ class Bisection:
             return Status.FOUND
         end = line[0] if boundary.refused in {Refused.GOOD_IS_BAD, Refused.GOOD_UNTESTABLE} else line[-1]
         step = next(step for step in reversed(self.steps) if step.candidate == end)
-        self.told.append(f"{boundary.refused}: {end.name}: {step.said.words}")
+        self.notes.append(f"{boundary.refused}: {end.name}: {step.classification.words}")
         return Status.UNTOLD if step.trial.untold else Status.REFUSED
 
     # --- parts -----------------------------------------------------------------------------------------------------
@@ -297,7 +297,7 @@ class Bisection:
         until = self.predicate.until if self.predicate else Phase.SUITE
         if trial.works and why != "whole" and until is not Phase.SUITE:
             classification = replace(classification, words=f"passes {until}")  # nothing behind it was run
-        step = Step(candidate=candidate, why=why, trial=trial, said=classification)
+        step = Step(candidate=candidate, why=why, trial=trial, classification=classification)
         self.steps.append(step)
         self.say(
             f"  {classification.answer}: {classification.words}"
@@ -306,7 +306,7 @@ class Bisection:
         return step
 
     def _answer(self, status: Status) -> BisectionResult:
-        return BisectionResult(status=status, line=self.task.line, predicate=self.predicate, told=tuple(self.told))
+        return BisectionResult(status=status, line=self.task.line, predicate=self.predicate, notes=tuple(self.notes))
 
 
 def _in_place(question: Question, before: Question) -> Question:

@@ -154,10 +154,10 @@ def _day(day: str) -> Candidate:
 def of_pythons(cell: Cell) -> Candidates:
     """Return the Pythons of this machine, one CPython of each minor version."""
     newest: dict[str, Interpreter] = {}
-    for one in interpreters.available():
-        if one.implementation == "cpython":
-            best = newest.get(one.minor)
-            newest[one.minor] = max(filter(None, (best, one)), key=lambda each: Version(each.version))
+    for installed in interpreters.available():
+        if installed.implementation == "cpython":
+            best = newest.get(installed.minor)
+            newest[installed.minor] = max(filter(None, (best, installed)), key=lambda each: Version(each.version))
     cell_interpreter = interpreters.find(cell.python)
     if cell_interpreter and cell_interpreter.implementation == "cpython":
         newest[cell_interpreter.minor] = cell_interpreter

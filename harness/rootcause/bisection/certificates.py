@@ -155,7 +155,7 @@ def document(done: BisectionResult, search_: Bisection, *, left_out: tuple[str, 
         built=len(bench.built),
         runs=tuple(_step(number, step) for number, step in enumerate(search_.steps, start=1)),
         left_out=left_out,
-        told=done.told,
+        told=done.notes,
         seconds=round(bench.seconds, 1),
         machine=here.id,
         facts=dict(here.facts),
@@ -178,8 +178,8 @@ def _step(number: int, step: Step) -> StepEntry:
         number=number,
         candidate=step.candidate.name,
         why=step.why,
-        answer=step.said.answer,
-        words=step.said.words,
+        answer=step.classification.answer,
+        words=step.classification.words,
         verdict=judged.verdict,
         phase=judged.phase,
         decisive=judged.decisive,
@@ -240,11 +240,11 @@ def claim(done: BisectionResult, cell: Cell, axis: str) -> str:
     """Return the result of a bisection in one sentence."""
     good, bad = done.good, done.bad
     if done.status is not Status.FOUND or good is None or bad is None:
-        reasons = "; ".join(done.told) or "no candidate was found that works"
+        reasons = "; ".join(done.notes) or "no candidate was found that works"
         return f"{cell.id}: {done.status} along {axis}: {reasons}"
     names = [f"{_thing(axis)} {_last(done, one, axis)}" for one in (good, bad)]
     last, first = ("last", "first") if done.oldest_first else ("first", "last")
-    works = good.trial.well if good.trial.works else f"is without this failure ({good.said.words})"
+    works = good.trial.success_text if good.trial.works else f"is without this failure ({good.classification.words})"
     failing = strip_run_count(bad.trial.failure) or (done.predicate.failure if done.predicate else None)
     what = f"fails with {failing.line}" if failing and failing.line else "fails"
     gap = _gap(done)

@@ -43,11 +43,11 @@ class Predicate:
         cause = f", {self.failure.causes[0]}" if self.failure.causes else ""
         return f"the same failure: {self.failure.phase or 'some phase'}{cause}: {self.failure.line}"
 
-    def of(self, trial: Trial) -> Classification:
+    def classify(self, trial: Trial) -> Classification:
         """Return the answer of a trial."""
         failed = strip_run_count(trial.failure)
         if failed is None:
-            return self._without(trial)
+            return self._classify_without_failure(trial)
         line = f"{failed.phase}: {failed.line}" if failed.phase else failed.line
         if self.failure is None or self.failure.same(failed):
             flaky = failed.phase is not None and trial.assessed.phases.get(failed.phase) is Outcome.FLAKY
@@ -57,7 +57,7 @@ class Predicate:
         cause_key = None if failed.phase in {Phase.RESOLVE, Phase.INSTALL} else _cause_key(failed)
         return Classification(answer=Answer.UNTESTABLE, why=cause_key, words=line)
 
-    def _without(self, trial: Trial) -> Classification:
+    def _classify_without_failure(self, trial: Trial) -> Classification:
         if trial.works:
             return classify_working(trial)
         if trial.doubtful:
@@ -81,7 +81,7 @@ class Predicate:
 
 def classify_working(trial: Trial) -> Classification:
     """Return the answer of a trial that does everything requested."""
-    return Classification(answer=Answer.GOOD, why=None, words=trial.well)
+    return Classification(answer=Answer.GOOD, why=None, words=trial.success_text)
 
 
 def strip_run_count(failed: Failure | None) -> Failure | None:

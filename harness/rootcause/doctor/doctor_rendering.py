@@ -125,7 +125,7 @@ def _diagnoses(troubles: Mapping[str, Sequence[egl_advice.Library]]) -> Iterable
     """Return the known failures that match the predicted errors, each once."""
     diagnoses: dict[str, DiagnosisEntry] = {}
     for error, failing in troubles.items():
-        evidence = [matching.Evidence(phase=None, told=(error,))]
+        evidence = [matching.Evidence(phase=None, reasons=(error,))]
         for who in failing:
             installed = {who.library.replace("_", "-"): who.release, "mujoco": who.mujoco}
             for diagnosis in matching.diagnose(

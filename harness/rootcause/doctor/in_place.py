@@ -80,7 +80,7 @@ class HostInspection:
     drawn: RenderingReport | None = None
     seen: list[Evidence] = field(default_factory=list)
 
-    def more(self, choice: Choice, facts: Mapping[str, Any]) -> tuple[list[Finding], list[Evidence]]:
+    def inspect(self, choice: Choice, facts: Mapping[str, Any]) -> tuple[list[Finding], list[Evidence]]:
         """Return findings, and evidence to match against known failures."""
         findings: list[Finding] = []
         if self.rendering:
@@ -181,4 +181,4 @@ def _seen(phase: PhaseRecord, store: Store) -> Evidence:
     words = extract_texts({name: text for name, text in evidence_texts.items() if name == REPLY}, phase.phase)
     reasons = tuple(dict.fromkeys(filter(None, (*lines, *words))))
     killed = next((signal_match[1] for line in reasons if (signal_match := KILLED.search(line))), None)
-    return Evidence(phase=str(phase.phase), told=reasons, signal=killed)
+    return Evidence(phase=str(phase.phase), reasons=reasons, signal=killed)

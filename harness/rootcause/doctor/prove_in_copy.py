@@ -63,11 +63,11 @@ def proof(document: Mapping[str, Any], *, env: str | None, offline: bool) -> Pro
         Bench(opened, Settings(offline=offline), board) as bench,
     ):
         copies = _Copies(bench=bench, python=python, env=env, as_of=as_of)
-        after, left_out = copies.measured({**installed, **changed}, changed)
+        after, left_out = copies.measure({**installed, **changed}, changed)
         if after.assessed.verdict in UNTOLD:
             message = f"doctor --prove: it cannot be told here: {after.assessed.decisive}"
             raise CouldNotTell(message)
-        before, _ = copies.measured(installed, {})
+        before, _ = copies.measure(installed, {})
     return _proof(before, after, left_out)
 
 
@@ -87,7 +87,7 @@ class _Copies:
     def __init__(self, *, bench: Bench, python: str, env: str | None, as_of: str) -> None:
         self.bench, self.python, self.env, self.as_of = bench, python, env, as_of
 
-    def measured(self, versions: Mapping[str, str], changed: Iterable[str]) -> tuple[Trial, tuple[str, ...]]:
+    def measure(self, versions: Mapping[str, str], changed: Iterable[str]) -> tuple[Trial, tuple[str, ...]]:
         """Measure a copy with these versions, or, if they do not resolve together, only with those that matter.
 
         Return the trial, and the packages left to the resolver.

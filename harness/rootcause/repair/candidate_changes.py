@@ -21,7 +21,7 @@ class Way(StrEnum):
     """The source of a change, the least intrusive first."""
 
     NAMED = "a bound that the error names"
-    KNOWN = "the remedy of a known failure"
+    SIGNATURE = "the remedy of a known failure"
     MISSING = "what is imported and not required"
     OVERLAY = "a repaired release"
     BUILDS = "build requirements of the time"
@@ -154,11 +154,11 @@ def find_replaced_packages(before: Cell, after: Cell) -> tuple[str, ...]:
     """Return the packages whose requirements or bounds, written by the user, were replaced by others."""
 
     def collect_bounds(cell: Cell) -> dict[str, set[str]]:
-        found: dict[str, set[str]] = {}
+        by_package: dict[str, set[str]] = {}
         for line in (*cell.question.requirements, *cell.question.constraints):
             texts = {str(each) for each in parsed_requirement(line).specifier}
-            found.setdefault(required_name(line), set()).update(texts)
-        return found
+            by_package.setdefault(required_name(line), set()).update(texts)
+        return by_package
 
     new_bounds = collect_bounds(after)
 
@@ -203,7 +203,7 @@ def propose_remedies(cell: Cell, diagnoses: Iterable[Diagnosis]) -> Iterator[Mov
             combined_change, contrary = merge_with_bounds(cell, change)
             yield Move(
                 change=combined_change,
-                way=Way.PINS if contrary else Way.KNOWN,
+                way=Way.PINS if contrary else Way.SIGNATURE,
                 why=f"the remedy of {diagnosis.signature.id}",
             )
 

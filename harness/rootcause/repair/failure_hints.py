@@ -36,7 +36,7 @@ def missing_modules(evidence: Iterable[Evidence]) -> tuple[str, ...]:
     """Return the top-level modules that were not found; those in the lines that say why come first."""
     modules: dict[str, None] = {}
     evidence_list = list(evidence)
-    for texts in (*(one.told for one in evidence_list), *(one.logs for one in evidence_list)):
+    for texts in (*(one.reasons for one in evidence_list), *(one.logs for one in evidence_list)):
         for text in texts:
             modules |= dict.fromkeys(match[1].partition(".")[0] for match in NO_MODULE.finditer(text))
     return tuple(modules)
@@ -61,7 +61,7 @@ def find_suggested_installs(cell: Cell, evidence: Iterable[Evidence]) -> Iterato
     """Yield the installs that an error suggests: an extra of a required package, or a well-known package."""
     requirements = {required_name(line): line for line in cell.question.requirements}
     for item in evidence:
-        for text in item.told:
+        for text in item.reasons:
             for match in PIP_INSTALL.finditer(text):
                 wanted = parsed_requirement(match[1])
                 name = required_name(match[1])
@@ -132,7 +132,7 @@ IMPORTED_AS = {
 def suspects(names: Iterable[str], evidence: Iterable[Evidence]) -> tuple[str, ...]:
     """Return the packages, those in the lines that say why first, then by how often the logs name them."""
     shown = list(evidence)
-    reasons = "\n".join(text for one in shown for text in one.told)
+    reasons = "\n".join(text for one in shown for text in one.reasons)
     logs = "\n".join(text for one in shown for text in one.logs)
 
     def rank(name: str) -> tuple[int, int, str]:
@@ -145,7 +145,7 @@ def suspects(names: Iterable[str], evidence: Iterable[Evidence]) -> tuple[str, .
 def named(name: str, evidence: Iterable[Evidence]) -> bool:
     """Return whether a line that says why names the package."""
     pattern = re.compile(rf"\b{re.escape(IMPORTED_AS.get(name, name.replace('-', '_')))}\b", re.IGNORECASE)
-    return any(pattern.search(text) for one in evidence for text in one.told)
+    return any(pattern.search(text) for one in evidence for text in one.reasons)
 
 
 # --- variables -------------------------------------------------------------------------------------------------
@@ -165,7 +165,7 @@ def variables(
 
     If `installed` is given, no variable is set that no installed package reads.
     """
-    texts = [text for one in evidence for text in one.told]
+    texts = [text for one in evidence for text in one.reasons]
     if phase is not Phase.RENDER and not any(DRAWING.search(text) for text in texts):
         return
     for move in _ways(cell.environment, here):

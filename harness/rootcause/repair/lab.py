@@ -187,7 +187,7 @@ def describe_result(trial: Trial, until: Phase) -> str:
     if passes(trial, until) and until is not Phase.SUITE:
         return f"passes {until}"
     if trial.works:
-        return trial.well
+        return trial.success_text
     if trial.doubtful:
         return f"works, not verified: {', '.join(trial.assessed.unverified)}"
     failed = f" in {trial.assessed.phase}" if trial.assessed.phase else ""
@@ -214,7 +214,7 @@ def _conflicts(failed: Failure) -> frozenset[str]:
 
 def collect_reasons(lab: Lab, trial: Trial) -> tuple[str, ...]:
     """Return the lines that say why a cell failed."""
-    return tuple(text for one in lab.evidence(trial) for text in one.told)
+    return tuple(text for one in lab.evidence(trial) for text in one.reasons)
 
 
 def versions(lab: Lab, trial: Trial) -> dict[str, str]:

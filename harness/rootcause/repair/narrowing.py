@@ -27,12 +27,12 @@ class Suspect:
     good: str
     bad: str | None
     build: bool = False
-    asked: bool = False
+    required: bool = False
 
     def at(self, bound: str) -> Change:
         """Return the change that holds the package to a bound."""
         line = f"{self.name}{bound}"
-        if self.asked:
+        if self.required:
             return Change(requirements=(line,))
         return Change(build_constraints=(line,)) if self.build else Change(constraints=(line,))
 
@@ -49,7 +49,7 @@ class Narrowing:
     failing: Trial
     interpreter: Interpreter | None
     bound: int = 0
-    told: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     # --- which packages --------------------------------------------------------------------------------------------
 
@@ -60,15 +60,15 @@ class Narrowing:
         ranked = sorted(suspects, key=lambda suspect: (not suspect.build, order.index(suspect.name)))
         self.bound += search.bound(len(ranked) + 1)
         builds = [one for one in ranked if one.build]
-        for one in (builds[:1] or ranked)[:SINGLES]:
-            if self._held([one]) is Answer.GOOD:
-                return (one,)
+        for sole in (builds[:1] or ranked)[:SINGLES]:
+            if self._held([sole]) is Answer.GOOD:
+                return (sole,)
         if self._held(ranked) is not Answer.GOOD:
             return None
         culprits = search.minimise(ranked, self._held).items
         if culprits is None:
             return None
-        self.told.append(f"of {len(ranked)} packages that differ, {len(culprits)} decide")
+        self.notes.append(f"of {len(ranked)} packages that differ, {len(culprits)} decide")
         return tuple(culprits)
 
     def _held(self, chosen: Sequence[Suspect]) -> Answer:
@@ -112,7 +112,7 @@ class Narrowing:
 
     def _boundary(self, suspect: Suspect, others: Change) -> Change:
         line = self._line(suspect)
-        if len(line) <= 2 and suspect.asked:
+        if len(line) <= 2 and suspect.required:
             return suspect.at(f"=={suspect.good}")
         if len(line) < 2:
             return suspect.at(f"=={suspect.good}")
@@ -126,7 +126,7 @@ class Narrowing:
             self.lab.prepare(*(merge_changes(self.rest, each) for each in wanted))
 
         answers = {0: [Answer.GOOD]}
-        if candidate_changes.empty(others) and not suspect.asked:
+        if candidate_changes.empty(others) and not suspect.required:
             answers[len(line) - 1] = [Answer.BAD]  # that is what failed
         for place in _likely(line):
             answers[place] = [test(line[place])]
@@ -135,13 +135,13 @@ class Narrowing:
         boundary = search.boundary(line, test, prior_answers=answers, watch=ahead)
         if boundary.good is None or boundary.bad is None:
             return suspect.at(f"=={suspect.good}")
-        if suspect.asked:
+        if suspect.required:
             return suspect.at(f"=={boundary.good}")
         beyond = boundary.between[0] if boundary.between else boundary.bad
-        self.told.append(f"{suspect.name} {boundary.good} works, {boundary.bad} does not")
-        return suspect.at(self._said(suspect, candidate_changes.bound(str(boundary.good), str(beyond))))
+        self.notes.append(f"{suspect.name} {boundary.good} works, {boundary.bad} does not")
+        return suspect.at(self._combine_bound(suspect, candidate_changes.bound(str(boundary.good), str(beyond))))
 
-    def _said(self, suspect: Suspect, bound: str) -> str:
+    def _combine_bound(self, suspect: Suspect, bound: str) -> str:
         """Return the bound, combined with those that the cell has on the package already."""
         if suspect.build:
             return bound

@@ -138,7 +138,7 @@ def document(lab: Lab, repaired: RepairResult, command: str) -> RepairDocument:
         seconds=round(lab.seconds, 1),
         stopped=repaired.stopped,
         left=repaired.left,
-        told=repaired.told,
+        told=repaired.notes,
         machine=here.id,
         facts=dict(here.facts),
         command=command,

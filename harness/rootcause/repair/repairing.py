@@ -78,7 +78,7 @@ class RepairResult:
     stopped: str | None = None
     left: tuple[str, ...] = ()
     bound: int = 0
-    told: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(order=True)
@@ -111,8 +111,8 @@ class Search:
         self.queue: list[_Entry] = []
         self.numbers = count()
         self.now: _Entry | None = None
-        self.found: _Cure | None = None
-        self.told: list[str] = []
+        self.cure: _Cure | None = None
+        self.notes: list[str] = []
         self.bound = 0
         self.flaky = False
 
@@ -128,8 +128,8 @@ class Search:
         try:
             self._open(Change(), before, 0)
             self._look()
-            if self.found:
-                self._settle(self.found)
+            if self.cure:
+                self._settle(self.cure)
                 self._stands()
         except BudgetExhausted as spent:
             stopped = str(spent)
@@ -138,14 +138,14 @@ class Search:
     def proven(self, change: Change) -> RepairResult | None:
         """Return the repair by a change that cured another cell; None if it does not cure this one."""
         self.before = self.lab.measure(Change(), "as it is asked for")
-        move = Move(change=change, way=Way.KNOWN, why="it cured another cell of the same cause")
+        move = Move(change=change, way=Way.SIGNATURE, why="it cured another cell of the same cause")
         try:
             trial = self.lab.measure(change, move.why)
             if not trial.works or self._no_cure(self.before, trial):
                 return None
-            self.found = _Cure(change=change, move=move, trial=trial)
-            self._least(self.found)
-            self.found.proven = True
+            self.cure = _Cure(change=change, move=move, trial=trial)
+            self._least(self.cure)
+            self.cure.proven = True
             self._stands()
         except (BudgetExhausted, ValueError):
             return None
@@ -161,7 +161,7 @@ class Search:
             heappush(self.queue, _Entry(candidate_changes.COSTS[way], -depth, next(self.numbers), place, way))
 
     def _look(self) -> None:
-        while self.queue and self.found is None:
+        while self.queue and self.cure is None:
             self.now = heappop(self.queue)
             for move in STAGES[self.now.way](self.now.place):
                 if self._cures(self.now, move):
@@ -181,14 +181,14 @@ class Search:
         if trial.works:
             reason = self._no_cure(place.trial, trial)
             if reason:
-                self.told.append(f"{move.why}: {reason}")
+                self.notes.append(f"{move.why}: {reason}")
                 return False
-            self.found = _Cure(change=change, move=move, trial=trial)
+            self.cure = _Cure(change=change, move=move, trial=trial)
             return True
         depth = 1 - entry.above
         if trial.doubtful:
-            self.told.append(f"{move.why}: {describe_result(trial, self.lab.until)}")
-            self._open(change, trial, depth, (Way.KNOWN,))
+            self.notes.append(f"{move.why}: {describe_result(trial, self.lab.until)}")
+            self._open(change, trial, depth, (Way.SIGNATURE,))
         elif depth < DEEPEST and fails_further(place.trial, trial):
             self._open(change, trial, depth)
         return False
@@ -247,13 +247,13 @@ class Search:
             return next((change for phase in phases if (change := self._up_to(phase, cure, search, suspects))), None)
         finally:
             self.bound += search.bound
-            self.told += search.told
+            self.notes += search.notes
 
     def _up_to(
         self, phase: Phase, cure: _Cure, search: Narrowing, suspects: Sequence[narrowing.Suspect]
     ) -> Change | None:
         """Return the bounds that cure, searched up to a phase; None if there are none, or a later phase fails."""
-        search.bound, search.told = 0, []
+        search.bound, search.notes = 0, []
         with self.lab.up_to(phase):
             chosen = search.fewest(suspects)
             bounds = search.bounded(chosen) if chosen else None
@@ -267,12 +267,12 @@ class Search:
 
     def _widened(self, cure: _Cure) -> None:
         """Widen the bounds of a known remedy to keep all releases that work."""
-        if cure.move.way is not Way.KNOWN:
+        if cure.move.way is not Way.SIGNATURE:
             return
         widened = widening.Widening(self.lab, cure.change, self.before, cure.trial)
         change = widened.run()
         self.bound += widened.bound
-        self.told += widened.told
+        self.notes += widened.notes
         if change != cure.change and self._take(cure, change, "with the widest bounds, in every phase"):
             self._least(cure)
 
@@ -288,10 +288,10 @@ class Search:
             return None
         rest = candidate_changes.without(cure.change, cure.move.change)
         search = Narrowing(self.lab, rest, self.before, interpreters.find(cure.trial.cell.python))
-        suspect = narrowing.Suspect(name=name, good=good, bad=pinned[name], asked=True)
+        suspect = narrowing.Suspect(name=name, good=good, bad=pinned[name], required=True)
         change = merge_changes(rest, search.bounded([suspect]))
         self.bound += search.bound
-        self.told += search.told
+        self.notes += search.notes
         return (
             cure.change
             if self._take(cure, stages.unguarded(change), "the nearest that works, in every phase")
@@ -311,7 +311,7 @@ class Search:
         if needed is not None and len(needed) < len(whole):
             spare = [candidate_changes.in_words(part) for part in whole if part not in needed]
             more = f" and {len(spare) - FEW} more" if len(spare) > FEW else ""
-            self.told.append(f"not needed: {'; '.join(spare[:FEW])}{more}")
+            self.notes.append(f"not needed: {'; '.join(spare[:FEW])}{more}")
             cure.change = candidate_changes.of_parts(part for part in whole if part in needed)
             cure.trial = self.lab.measure(cure.change, "the parts that are needed")
         tried = [
@@ -339,27 +339,27 @@ class Search:
             return
         again = self.lab.measure(Change(), "as it is asked for, once more", again=True)
         if again.works:
-            self.flaky, self.found = True, None
-            self.told.append(
+            self.flaky, self.cure = True, None
+            self.notes.append(
                 "as it is asked for it failed, and then worked: it is flaky, and what cures it cannot be told"
             )
 
     # --- the answer ------------------------------------------------------------------------------------------------
 
     def _answer(self, stopped: str | None) -> RepairResult:
-        cure = self.found
+        cure = self.cure
         waiting = [*([self.now] if self.now else []), *sorted(self.queue)]
         left = tuple(dict.fromkeys(str(entry.way) for entry in waiting)) if stopped and not cure else ()
         if cure is None or (not cure.proven and not stopped):
             ends = [one.trial.assessed for one in self.lab.runs]
             unclear = [one for one in ends if one.verdict is Verdict.INCONCLUSIVE]
             if unclear:
-                self.told.append(f"{len(unclear)} of the runs tell nothing: {unclear[0].decisive}")
+                self.notes.append(f"{len(unclear)} of the runs tell nothing: {unclear[0].decisive}")
             untold = unclear or self.flaky
             status = Status.STOPPED if stopped else Status.UNTOLD if untold else Status.NOT_FOUND
-            notes = tuple(self.told)
+            notes = tuple(self.notes)
             return RepairResult(
-                status=status, before=self.before, stopped=stopped, left=left, bound=self.bound, told=notes
+                status=status, before=self.before, stopped=stopped, left=left, bound=self.bound, notes=notes
             )
         parts = cure.parts or tuple(Part(change=one, without=None) for one in candidate_changes.parts(cure.change))
         return RepairResult(
@@ -373,5 +373,5 @@ class Search:
             moved=candidate_changes.find_replaced_packages(self.lab.base, cure.trial.cell),
             stopped=stopped,
             bound=self.bound,
-            told=tuple(self.told),
+            notes=tuple(self.notes),
         )

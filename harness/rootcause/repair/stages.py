@@ -109,14 +109,16 @@ def _named(place: Place) -> Iterator[Move]:
 def signature_remedies(place: Place) -> Iterator[Move]:
     """Yield remedies of the known failures that keep what the user asked for."""
     diagnoses = place.trial.assessed.diagnoses or tuple(_silent(place.trial))
-    yield from (one for one in candidate_changes.propose_remedies(place.trial.cell, diagnoses) if one.way is Way.KNOWN)
+    yield from (
+        one for one in candidate_changes.propose_remedies(place.trial.cell, diagnoses) if one.way is Way.SIGNATURE
+    )
 
 
 def _silent(trial: Trial) -> Iterator[Diagnosis]:
     """Yield the silent issues that a working cell leaves open."""
     left = {name.removeprefix(PREFIX) for name in trial.assessed.unverified if name.startswith(PREFIX)}
     signatures = (one for one in shipped_signatures.load_all() if one.id in left)
-    yield from (Diagnosis(signature=one, phase=None, seen="", told=False) for one in signatures)
+    yield from (Diagnosis(signature=one, phase=None, seen="", is_reason=False) for one in signatures)
 
 
 def missing_packages(place: Place) -> Iterator[Move]:
@@ -146,7 +148,7 @@ def overlay(place: Place) -> Iterator[Move]:
     if place.phase not in BOTH:
         return
     packages = {*candidate_changes.asked_for(place.lab.base), *versions(place.lab, place.trial)}
-    text = "\n".join(text for one in place.lab.evidence(place.trial) for text in (*one.told, *one.logs))
+    text = "\n".join(text for one in place.lab.evidence(place.trial) for text in (*one.reasons, *one.logs))
     for name in place.lab.recipes:
         if name in packages or re.search(rf"\b{re.escape(name)}\b", text):
             yield Move(
@@ -233,7 +235,7 @@ def wheels(place: Place) -> Iterator[Move]:
     """Yield changes that build nothing from source: another release may have wheels."""
     if place.phase is not Phase.INSTALL:
         return
-    text = "\n".join(text for one in place.lab.evidence(place.trial) for text in one.told)
+    text = "\n".join(text for one in place.lab.evidence(place.trial) for text in one.reasons)
     names = [name for name in versions(place.lab, place.trial) if re.search(rf"\b{re.escape(name)}\b", text)]
     for name in names:
         yield Move(change=Change(only_binary=(name,)), way=Way.WHEELS, why=f"no build of {name}")
@@ -313,7 +315,7 @@ def _usable(place: Place, name: str) -> tuple[Version, ...]:
 
 STAGES: dict[Way, Stage] = {
     Way.NAMED: named_bounds,
-    Way.KNOWN: signature_remedies,
+    Way.SIGNATURE: signature_remedies,
     Way.MISSING: missing_packages,
     Way.OVERLAY: overlay,
     Way.BUILDS: builds,

@@ -60,7 +60,7 @@ class Widening:
     before: Trial
     after: Trial
     bound: int = 0
-    told: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
     def run(self) -> Change:
         """Return the change with each of its bounds as wide as possible."""
@@ -102,7 +102,7 @@ class Widening:
         if boundary.good is None or boundary.bad is None:
             return change
         beyond = boundary.between[0] if boundary.between else boundary.bad
-        self.told.append(f"{bound.name} {boundary.good} works, {boundary.bad} does not")
+        self.notes.append(f"{bound.name} {boundary.good} works, {boundary.bad} does not")
         mine = candidate_changes.bound(str(boundary.good), str(beyond))
         return bound.put(change, str(_instead(specifier, bound.side, mine)))
 

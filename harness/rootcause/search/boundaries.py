@@ -42,14 +42,14 @@ class Boundary(Generic[T]):
     bad: T | None
     between: tuple[T, ...]
     confidence: float
-    asked: tuple[Observation[T], ...]
+    observations: tuple[Observation[T], ...]
     refused: Refused | None
     bound: int
     rates: tuple[float, float]
     chain: tuple[Turn[T], ...] = ()
 
     @property
-    def found(self) -> bool:
+    def exists(self) -> bool:
         """Return whether there is a boundary."""
         return self.good is not None
 
@@ -92,7 +92,7 @@ class Search(Generic[T]):
     candidates: Sequence[T]
     rules: Rules = USUAL
     cost: Sequence[float] = ()
-    asked: list[Observation[T]] = field(default_factory=list, init=False)
+    observations: list[Observation[T]] = field(default_factory=list, init=False)
 
     def __post_init__(self) -> None:
         self._answers: list[tuple[int, Answer, Hashable]] = []
@@ -101,7 +101,7 @@ class Search(Generic[T]):
     def note(self, index: int, answer: Answer, why: Hashable = None, *, free: bool = False) -> None:
         """Take an answer. `why` is the failure of an untestable candidate, `free` is true if nothing was run for it."""
         self._answers.append((index, answer, why))
-        self.asked.append(Observation(candidate=self.candidates[index], answer=answer, free=free))
+        self.observations.append(Observation(candidate=self.candidates[index], answer=answer, free=free))
         for stretch in self._stretches:
             stretch.note(index, answer, why)
         self._split()
@@ -137,7 +137,7 @@ class Search(Generic[T]):
             bad=self.candidates[high] if there else None,
             between=tuple(self.candidates[low + 1 : high]) if there else (),
             confidence=gap.mass,
-            asked=tuple(self.asked),
+            observations=tuple(self.observations),
             refused=refused,
             bound=bound(len(self.candidates)),
             rates=main.line.places.rates,

@@ -69,7 +69,7 @@ class Line:
         if suspects is not None:
             return self._suspect(suspects)
         gains = self.places.gains()
-        open_ = [index for index in range(self.length) if self._asked(index) or self._open(index)]
+        open_ = [index for index in range(self.length) if self._is_tested(index) or self._open(index)]
         scores = {index: gains[index] * self._testable(index) * self._cheap(index) for index in open_}
         return max(scores, key=lambda index: (scores[index], -index)) if scores else None
 
@@ -90,7 +90,7 @@ class Line:
     @property
     def left(self) -> int:
         """Return about how many answers are still needed."""
-        ends = sum(not self._asked(index) for index in {0, self.length - 1})
+        ends = sum(not self._is_tested(index) for index in {0, self.length - 1})
         if self.refused or (not ends and self.stands):
             return 0
         masses = [gap.mass for gap in self.gaps if gap.mass > 0]
@@ -138,12 +138,12 @@ class Line:
     def _end(self) -> int | None:
         """Return an end that was not tested yet; None if both were."""
         ends = (self.length - 1, 0)
-        return next((index for index in ends if not self._asked(index) and index not in self.untestable), None)
+        return next((index for index in ends if not self._is_tested(index) and index not in self.untestable), None)
 
     def _count(self, index: int) -> int:
         return self.good[index] + self.bad[index]
 
-    def _asked(self, index: int) -> bool:
+    def _is_tested(self, index: int) -> bool:
         return self._count(index) > 0
 
     def _open(self, index: int) -> bool:
@@ -152,13 +152,13 @@ class Line:
     @cached_property
     def gaps(self) -> list[Gap]:
         """Return the places between testable candidates, with their probabilities."""
-        stops = [index for index in range(self.length) if self._asked(index) or self._open(index)]
+        stops = [index for index in range(self.length) if self._is_tested(index) or self._open(index)]
         pairs = zip([-1, *stops], [*stops, self.length], strict=True)
         return [Gap(good=low, bad=high, mass=self.places.within(low + 1, high)) for low, high in pairs]
 
     def _testable(self, index: int) -> float:
         """Return the chance that a candidate can be tested. It is lower near one that could not."""
-        if self._asked(index):
+        if self._is_tested(index):
             return 1.0
         return min((1 - 0.5 / abs(index - each) for each in self.untestable), default=1.0)
 
@@ -201,15 +201,15 @@ class Line:
         """Give up the untested candidates between two with the same failure: they are assumed to share it."""
         for other, cause in self.untestable.items():
             low, high = sorted((index, other))
-            if why is not None and cause == why and not any(map(self._asked, range(low, high))):
+            if why is not None and cause == why and not any(map(self._is_tested, range(low, high))):
                 self.given_up |= {each for each in range(low, high) if self._open(each)}
                 self.__dict__.pop("gaps", None)
 
     def _give_up(self) -> None:
         """Give up the candidates between untestable ones if too many of these lie around the boundary."""
         gap = self.gap
-        low = max((each for each in range(max(gap.good, 0) + 1) if self._asked(each)), default=0)
-        high = min((each for each in range(gap.bad, self.length) if self._asked(each)), default=self.length - 1)
+        low = max((each for each in range(max(gap.good, 0) + 1) if self._is_tested(each)), default=0)
+        high = min((each for each in range(gap.bad, self.length) if self._is_tested(each)), default=self.length - 1)
         inside = [each for each in self.untestable if low < each < high]
         if len(inside) >= self.rules.patience:
             self.given_up |= {each for each in range(min(inside), max(inside)) if self._open(each)}

@@ -25,7 +25,7 @@ class Minimal(Generic[T]):
     """
 
     items: tuple[T, ...] | None
-    asked: tuple[Observation[tuple[T, ...]], ...]
+    observations: tuple[Observation[tuple[T, ...]], ...]
     bound: int
     unsure: tuple[T, ...] = ()
 
@@ -51,7 +51,7 @@ class _Search(Generic[T]):
         self.items = tuple(items)
         self.test = test
         self.rules = rules
-        self.asked: list[Observation[tuple[T, ...]]] = []
+        self.observations: list[Observation[tuple[T, ...]]] = []
         self.answers: dict[frozenset[int], list[Answer]] = {}
 
     def run(self) -> Minimal[T]:
@@ -65,15 +65,15 @@ class _Search(Generic[T]):
             needed |= frozenset(range(low, high))
             rest = low
             if not rest or self._good(needed):
-                return self._told(*self._spared(needed))
+                return self._make_result(*self._spared(needed))
         if not needed:
-            return self._told(None, ())
-        return self._told(*self._spared(needed | frozenset(range(rest))))
+            return self._make_result(None, ())
+        return self._make_result(*self._spared(needed | frozenset(range(rest))))
 
-    def _told(self, indices: frozenset[int] | None, unsure: Sequence[int]) -> Minimal[T]:
+    def _make_result(self, indices: frozenset[int] | None, unsure: Sequence[int]) -> Minimal[T]:
         return Minimal(
             items=None if indices is None else self._set(indices),
-            asked=tuple(self.asked),
+            observations=tuple(self.observations),
             bound=bound(len(self.items) + 1),
             unsure=tuple(self.items[index] for index in unsure),
         )
@@ -84,7 +84,7 @@ class _Search(Generic[T]):
     def _ask(self, indices: frozenset[int]) -> Answer:
         chosen = self._set(indices)
         answer = self.test(chosen)
-        self.asked.append(Observation(candidate=chosen, answer=answer))
+        self.observations.append(Observation(candidate=chosen, answer=answer))
         self.answers.setdefault(indices, []).append(answer)
         return answer
 

@@ -28,9 +28,9 @@ class ControlledRunner:
         """Take one cell through its phases; keep its results, but not its record."""
         return self.complete(self.runner.measure(cell))  # it may wait for others, and so holds nothing of theirs
 
-    def known(self, cell: Cell) -> CellRecord | None:
+    def find_record(self, cell: Cell) -> CellRecord | None:
         """Return the record of a cell of which everything is known; None where something has to be done."""
-        record = self.runner.known(cell)
+        record = self.runner.find_record(cell)
         try:
             return peek(self._completed(record)) if record else None
         except BadInput:
@@ -80,7 +80,7 @@ class ControlledRunner:
         beside = replace(
             runner, settings=replace(runner.settings, until=Phase.SUITE), observer=QuietObserver(runner.observer)
         )
-        record = beside.known(control) or (yield from pending(lambda: self._measured(beside, control)))
+        record = beside.find_record(control) or (yield from pending(lambda: self._measured(beside, control)))
         beside.keep(record)
         text = (runner.store.folder / record.lock).read_text(encoding="utf-8") if record.lock else None
         return controls.judge(record, text)

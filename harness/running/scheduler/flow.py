@@ -49,7 +49,7 @@ def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Obser
     here = this_machine.facts()
     store.save_machine(here.id, here.facts)
     flow = Flow(Runner(store, settings, observer))
-    left = [cell for cell in cells if not flow.told(cell)]
+    left = [cell for cell in cells if not flow.report_stored(cell)]
     if left:
         _tell_of_old_results(store, observer)
         controls.cells()  # a mistake in what they are is said now, not in the middle
@@ -103,9 +103,9 @@ class Flow:
         self.controlling: dict[Future[ControlRecord], str] = {}
         self.held: dict[str, list[CellRecord]] = {}  # what waits for a control, by that
 
-    def told(self, cell: Cell) -> bool:
+    def report_stored(self, cell: Cell) -> bool:
         """Keep the record of a cell, if all of it is known; return whether it is."""
-        record = self.controlled.known(cell)
+        record = self.controlled.find_record(cell)
         if record:
             self._keep(record)
         return record is not None

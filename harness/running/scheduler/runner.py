@@ -63,7 +63,7 @@ class Prepared:
     claims: tuple[str, ...] = ()
     environment: str | None = None
     site: launch.Site | None = None
-    told: bool = False
+    from_store: bool = False
     around: other_drawing.Around | None = None
 
 
@@ -116,11 +116,11 @@ class Runner:
         if not wrong and record.cell.id not in self.unchanged and not self._tells_less(record):
             self.store.save_cell(record)
 
-    def known(self, cell: Cell) -> CellRecord | None:
+    def find_record(self, cell: Cell) -> CellRecord | None:
         """Return the record of a cell of which everything is known; None where something has to be done."""
         try:
             ready = peek(self._prepared(cell))
-            return ready.record if ready.told else finished(ready.record)
+            return ready.record if ready.from_store else finished(ready.record)
         except BadInput:
             raise
         except InstallFault as fault:
@@ -161,7 +161,7 @@ class Runner:
         if process.stopped():
             message = f"{record.cell.id}: interrupted"
             raise CouldNotTell(message)
-        return record if ready.told else finished(record)
+        return record if ready.from_store else finished(record)
 
     def _case(self, cell: Cell, context: case_run.Context, case: Case) -> CaseRecord:
         try:
@@ -175,7 +175,7 @@ class Runner:
 
     def lock_of(self, cell: Cell, interpreter: Interpreter) -> tuple[Lock | None, Step]:
         """Return the lock of a cell, or the step that failed; build its subject for that, if it has one."""
-        full_cell, tested = carry_out(self._asked(cell, interpreter))
+        full_cell, tested = carry_out(self._complete_question(cell, interpreter))
         return (None, tested) if isinstance(tested, Step) else carry_out(self.lock(full_cell.question, interpreter))
 
     def lock(self, question: Question, interpreter: Interpreter) -> Steps[tuple[Lock | None, Step]]:
@@ -235,7 +235,7 @@ class Runner:
         if isinstance(interpreter, str) or missing:
             return Prepared(record=replace(record, unavailable=missing, cases=not_reached(cell)))
         record = replace(record, python=interpreter.version, brought=self.luggage.of(cell))
-        full_cell, tested = yield from self._asked(cell, interpreter)
+        full_cell, tested = yield from self._complete_question(cell, interpreter)
         if isinstance(tested, Step):
             return Prepared(record=stopped(record, tested))
         record = replace(record, subject=tested.tested if tested else None)
@@ -260,7 +260,9 @@ class Runner:
         except Exception as error:
             raise InstallFault(record, error) from error
 
-    def _asked(self, cell: Cell, interpreter: Interpreter) -> Steps[tuple[Cell, SubjectWheel | Step | None]]:
+    def _complete_question(
+        self, cell: Cell, interpreter: Interpreter
+    ) -> Steps[tuple[Cell, SubjectWheel | Step | None]]:
         """Return the cell with its full question, and its subject, if it has one, or the step why there is no wheel."""
         if cell.subject is None:
             return cell, None
@@ -290,7 +292,7 @@ class Runner:
 
     def _installed(self, record: CellRecord, pool: Pool, tested: SubjectWheel | None) -> Steps[Prepared]:
         """Install, unless every result is known already."""
-        install = pool.kept() or (yield from pending(pool.install))
+        install = pool.load_install() or (yield from pending(pool.install))
         if install.failed:
             return Prepared(record=stopped(record, install.failed))
         install = self._extended(install, tested) if tested else install
@@ -326,14 +328,14 @@ class Runner:
         cases = tuple(with_modules(case, install) for case in record.cell.cases)
         mark = digest(case_run.mark(context, cases, record.lock_sha256), sorted(record.supplied.items()))
         record = record if tested else replace(record, mark=mark)
-        last_record = self._told(record)
+        last_record = self._load_record(record)
         if last_record:
-            return Prepared(record=last_record, told=True)
+            return Prepared(record=last_record, from_store=True)
         stored = [case_run.stored_case(context, case) for case in cases]
         case_records = tuple(one for one in stored if one)
         suite = yield from self._suite(record, pool, tested)
         if len(case_records) == len(stored):
-            whole, ended = suite.known(case_records) if suite else (True, None)
+            whole, ended = suite.find_result(case_records) if suite else (True, None)
             complete = replace(record, cases=case_records, suite=ended)
             if whole and not other_drawing.due(complete):
                 return Prepared(record=complete)
@@ -349,7 +351,7 @@ class Runner:
             around=lambda other: self._context(other, pool, tested),
         )
 
-    def _told(self, record: CellRecord) -> CellRecord | None:
+    def _load_record(self, record: CellRecord) -> CellRecord | None:
         """Return the last record of the cell, if all that it depends on is the same."""
         if self.settings.fresh or self.settings.again or record.mark is None:
             return None

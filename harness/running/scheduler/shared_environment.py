@@ -56,7 +56,7 @@ class Pool:
         )
         self.known = False
 
-    def kept(self) -> InstallResult | None:
+    def load_install(self) -> InstallResult | None:
         """Return the stored result of the install, if it still holds."""
         result, settings = self.owner.installed.get(self.key), self.owner.settings
         if result is None:
@@ -70,7 +70,7 @@ class Pool:
     def install(self) -> InstallResult:
         """Make the environment, keep the result of the install and return it."""
         with self.owner.once.turn(("install", self.key)):
-            result = self.kept()  # another thread may have made it while we waited
+            result = self.load_install()  # another thread may have made it while we waited
             if result:
                 return result
             result = self._new()
@@ -85,11 +85,11 @@ class Pool:
         except NoEnvironment as failure:
             return InstallResult(failed=conditioned(failure.step))
         try:
-            return self._found(environment)
+            return self._describe_environment(environment)
         except Unreadable:  # it was damaged: once more, from its wheels
             self._discard(environment)
         try:
-            return self._found(self.environment())
+            return self._describe_environment(self.environment())
         except NoEnvironment as failure:
             return InstallResult(failed=conditioned(failure.step))
 
@@ -99,7 +99,7 @@ class Pool:
         environments.discard(environment)
         self.owner.environments.pop(self.key, None)
 
-    def _found(self, environment: Environment) -> InstallResult:
+    def _describe_environment(self, environment: Environment) -> InstallResult:
         from harness.packages.environments import site_packages  # noqa: PLC0415 - start-up
 
         return InstallResult(
@@ -119,19 +119,19 @@ class Pool:
         with self.owner.once.turn(("environment", self.key)):
             if self.key not in self.owner.environments:
                 self.owner.observer.step(self.cell, Phase.INSTALL)
-                made = self._ensured()
+                ensured = self._ensured()
                 if (
                     self.owner.settings.verify
-                    and not isinstance(made, Step)
-                    and not environments.is_intact(made, thorough=True)
+                    and not isinstance(ensured, Step)
+                    and not environments.is_intact(ensured, thorough=True)
                 ):
-                    environments.discard(made)
-                    made = self._ensured()
-                if isinstance(made, Step):
-                    raise NoEnvironment(made)
+                    environments.discard(ensured)
+                    ensured = self._ensured()
+                if isinstance(ensured, Step):
+                    raise NoEnvironment(ensured)
                 if self.owner.settings.verify or self.owner.settings.fresh:
-                    bytecode.forget(code_folder(made))
-                self.owner.environments[self.key] = made
+                    bytecode.forget(code_folder(ensured))
+                self.owner.environments[self.key] = ensured
         return self.owner.environments[self.key]
 
     def _ensured(self) -> Environment | Step:

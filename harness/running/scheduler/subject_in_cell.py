@@ -176,7 +176,7 @@ class Suite:
             self.failed = own_suites.not_run(moved, Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=moved))
             return
         self.pool = Pool(self.owner, replace(self.cell, question=question), lock, self.interpreter)
-        install = self.pool.kept() or (yield from pending(self.pool.install))
+        install = self.pool.load_install() or (yield from pending(self.pool.install))
         if install.failed:
             decisive = f"the environment of the tests cannot be made: {install.failed.decisive}"
             self.failed = own_suites.not_run(decisive, install.failed)
@@ -184,7 +184,7 @@ class Suite:
         tests = (subject.suite, subject.state, launch.file_hash(own_suites.DOOR))
         self.key = digest("suite", install.key, self.tested.tested.content, tests, self.identity)
 
-    def known(self, cases: tuple[CaseRecord, ...]) -> tuple[bool, PhaseRecord | None]:
+    def find_result(self, cases: tuple[CaseRecord, ...]) -> tuple[bool, PhaseRecord | None]:
         """Return whether the suite's result after these cases is known, and the result; None if it is not reached."""
         if not _imported(cases):
             return True, None
@@ -194,10 +194,10 @@ class Suite:
     def _recalled(self) -> PhaseRecord | None:
         if self.key is None or self.pool is None:
             return None
-        fold = self._known()
+        fold = self._fold_runs()
         return None if self._todo(fold) else judging.phase(fold, reused=True)
 
-    def _known(self) -> judging.Folded:
+    def _fold_runs(self) -> judging.Folded:
         """Fold the stored runs that may be reused, and the runs of this process whatever their results."""
         assert self.key
         settings, vault = self.owner.settings, Vault(self.owner.store.folder)
@@ -213,16 +213,16 @@ class Suite:
 
     def measure(self, cases: tuple[CaseRecord, ...]) -> PhaseRecord | None:
         """Return the suite's result, stored or measured now; None if it is not reached. Raises NoEnvironment."""
-        complete, result = self.known(cases)
+        complete, result = self.find_result(cases)
         if complete or self.pool is None or self.key is None:
             return result
         assert self.cell.subject
         base = self.pool.environment()
         environment = on_top(self.owner, self.pool, self.tested)
-        vault, fold = Vault(self.owner.store.folder), self._known()
+        vault, fold = Vault(self.owner.store.folder), self._fold_runs()
         bench = own_suites.Bench(
             subject=self.cell.subject,
-            known=self.tested,
+            package=self.tested,
             site=self.site(environment, base),
             vault=vault,
             host=Host(conditions=this_machine.conditions()),

@@ -32,7 +32,7 @@ class BroughtSoftware:
 
     def of(self, cell: Cell) -> tuple[Brought, ...]:
         """Return the brought software that a cell is measured with. Raises BadInput if a variable names nothing."""
-        return tuple(source.found for source in self._sources(cell))
+        return tuple(source.fingerprint for source in self._sources(cell))
 
     def unpacked(self, cell: Cell) -> tuple[dict[str, Path], tuple[str, ...]]:
         """Return the copies for a cell, by variable, and the folders that it imports modules from.

@@ -174,13 +174,13 @@ def _find_causes(
     causes: Dict[str, Tuple[str, ...]] = dict.fromkeys(wanted, ())
     trials = [0]
 
-    def try_settings(kept: Sequence[str]) -> List[str]:
+    def try_settings(settings: Sequence[str]) -> List[str]:
         """Return the modules that have the wanted outcome with only these settings kept; none after too many runs."""
         trials[0] += 1
         if trials[0] > MOST_RUNS:
             return []
-        folder = here.folder if FOLDER in kept else None
-        results = imports(here.scrubbed(*kept, folder=folder), names)
+        folder = here.folder if FOLDER in settings else None
+        results = imports(here.scrubbed(*settings, folder=folder), names)
         return [name for name in wanted if seen(results[name]) == wanted[name]]
 
     removed = here.removed

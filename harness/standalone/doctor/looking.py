@@ -393,9 +393,9 @@ def _text(path: Any) -> Any:
 
 
 if __name__ == "__main__":
-    TOLD = json.dumps(document())
+    OUTPUT = json.dumps(document())
     if len(sys.argv) > 1:
         with open(sys.argv[1], "w", encoding="ascii") as target:
-            target.write(TOLD)
+            target.write(OUTPUT)
     else:
-        print(TOLD)
+        print(OUTPUT)

@@ -57,7 +57,7 @@ def evidence(probes: JsonObject) -> Iterator[Evidence]:
     for result in (probes["imports"] or probes["clean_imports"]).values():
         if result["error"]:
             reasons = tuple(filter(None, (result["error"], result.get("traceback"))))
-            yield Evidence(phase="import", told=reasons, signal=result.get("signal"))
+            yield Evidence(phase="import", reasons=reasons, signal=result.get("signal"))
 
 
 def skipped(probes: JsonObject) -> List[Finding]:
@@ -84,7 +84,7 @@ def known_causes(
     Matches in a log alone do not count.
     """
     hits = diagnose(signatures, [*evidence(probes), *more], around(facts))
-    return tuple(hit for hit in hits if hit.told)
+    return tuple(hit for hit in hits if hit.is_reason)
 
 
 def find_silent_issues(signatures: Iterable[Any], facts: JsonObject, env: Optional[str] = None) -> List[Any]:

@@ -38,7 +38,7 @@ class UsageError(Exception):
 class Knowledge(NamedTuple):
     """Reference data for failures, read only when there is one: known failures and measured results."""
 
-    known: Callable[[], Sequence[Signature]]
+    signatures: Callable[[], Sequence[Signature]]
     measured: Callable[[], Optional[Mapping[str, Any]]]
 
 
@@ -68,7 +68,7 @@ def of_text(args: argparse.Namespace, knowledge: Knowledge, place: Place) -> int
         raise UsageError(message)
     around = _find_packages(args.python, ()) if args.python else None
     here = _gather_facts(around, knowledge)
-    explanation = _with_missing(explaining.explain_text(excerpt.text, knowledge.known(), here), excerpt)
+    explanation = _with_missing(explaining.explain_text(excerpt.text, knowledge.signatures(), here), excerpt)
     if args.json:
         print(json.dumps(explanation.plain()))
     else:
@@ -77,7 +77,7 @@ def of_text(args: argparse.Namespace, knowledge: Knowledge, place: Place) -> int
 
 
 def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Knowledge, place: Place) -> int:
-    """Run a command, and explain it where it fails; `place.kept` is the file that its output goes to. Raises Bad."""
+    """Run a command, and explain it where it fails; its output goes to `place.output_file`. Raises Bad."""
     from . import spawning  # noqa: PLC0415 - Windows lacks what it needs
 
     if not command:
@@ -90,7 +90,7 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
         message = "explain: a FILE or a command, not both: {} stands before --".format(args.file)
         raise UsageError(message)
     around = _find_packages(args.python, command)
-    path = place.kept or _temporary()
+    path = place.output_file or _temporary()
     with open(path, "wb") as log:
         ended = spawning.run(command, log, apart=args.json)
     if ended.code == 0:
@@ -104,13 +104,13 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
     with open(path, "rb") as written:
         excerpt = keeping.read_excerpt(written.read)
     requirements = _find_requirements(command)
-    here = _gather_facts(around, knowledge)._replace(failed=True, signal=ended.signal, asked=requirements)
+    here = _gather_facts(around, knowledge)._replace(failed=True, signal=ended.signal, requirements=requirements)
     explanation = _with_end(
-        _with_missing(explaining.explain_text(excerpt.text, knowledge.known(), here), excerpt), ended.code
+        _with_missing(explaining.explain_text(excerpt.text, knowledge.signatures(), here), excerpt), ended.code
     )
     if args.json:
         print(json.dumps(explanation.plain()))
-    place = _complete_place(place, around, requirements)._replace(command=tuple(command), kept=path)
+    place = _complete_place(place, around, requirements)._replace(command=tuple(command), output_file=path)
     _print(explanation, place, sys.stderr, "\nexplain: {} failed: {}".format(os.path.basename(command[0]), _end(ended)))
     return ended.code
 
@@ -130,11 +130,11 @@ def _complete_place(place: Place, around: Optional[Packages], requirements: Tupl
     These are the requirements asked for, else the installed packages that matter.
     """
     if around is None:
-        return place._replace(asked=requirements)
+        return place._replace(requirements=requirements)
     return place._replace(
         python=around.python,
         version=around.version,
-        asked=requirements or tuple(wording.subjects(around.installed)),
+        requirements=requirements or tuple(wording.subjects(around.installed)),
         installer=installer(around.python, around.installed or None),
     )
 
@@ -174,10 +174,10 @@ def _with_missing(explanation: Explanation, excerpt: Excerpt) -> Explanation:
 
 def _with_end(explanation: Explanation, code: int) -> Explanation:
     """Use the command's exit code as decisive line if its output has none."""
-    if explanation.told.decisive:
+    if explanation.failure.decisive:
         return explanation
     line = "exited with code {} without a word".format(code) if code < 128 else "killed without a word"
-    return explanation._replace(told=explanation.told._replace(decisive=line))
+    return explanation._replace(failure=explanation.failure._replace(decisive=line))
 
 
 # --- what is read ----------------------------------------------------------------------------------------------

@@ -44,7 +44,7 @@ class Facts(NamedTuple):
     """
 
     installed: Optional[Mapping[str, str]] = None
-    asked: Tuple[str, ...] = ()
+    requirements: Tuple[str, ...] = ()
     python: Optional[str] = None
     failed: bool = False
     signal: Optional[str] = None
@@ -57,7 +57,7 @@ NOTHING = Facts()
 class Explanation(NamedTuple):
     """An explanation. `diagnoses` are known causes, the deepest first; `findings` are further remarks."""
 
-    told: Failure
+    failure: Failure
     hints: Hints
     diagnoses: Tuple[Diagnosis, ...]
     findings: Tuple[Tuple[str, str, str], ...]
@@ -66,14 +66,14 @@ class Explanation(NamedTuple):
     def phase(self) -> Optional[str]:
         """Return the phase that failed: the one that the text suggests, unless the cause shows only in others."""
         cause = _deepest(self.diagnoses)
-        if cause is not None and cause.signature.phases and self.told.phase not in cause.signature.phases:
+        if cause is not None and cause.signature.phases and self.failure.phase not in cause.signature.phases:
             return str(cause.signature.phases[0])
-        return self.told.phase
+        return self.failure.phase
 
     @property
     def causes(self) -> Tuple[Diagnosis, ...]:
         """Return the causes that count, the deepest first; none if another process died and nothing says why."""
-        failure, echoed = self.told, self.echoed
+        failure, echoed = self.failure, self.echoed
         return select_counting(
             _fit(hit, says=not echoed and _where(hit, failure) is DECISIVE) for hit in self.diagnoses
         )
@@ -86,15 +86,15 @@ class Explanation(NamedTuple):
     @property
     def echoed(self) -> bool:
         """Return whether the line that says why is what one process sees of the death of another."""
-        return (self.told.decisive or "").partition(":")[0].rpartition(".")[2] in MASKS
+        return (self.failure.decisive or "").partition(":")[0].rpartition(".")[2] in MASKS
 
     def plain(self) -> Dict[str, Any]:
         """Return the document of `explain --json`."""
         return {
             "schema": 1,
-            "decisive": self.told.decisive,
+            "decisive": self.failure.decisive,
             "phase": self.phase,
-            "diagnoses": [_diagnosis(hit, self.told.phase) for hit in self.diagnoses],
+            "diagnoses": [_diagnosis(hit, self.failure.phase) for hit in self.diagnoses],
             "findings": [{"check": check, "level": level, "text": text} for check, level, text in self.findings],
         }
 
@@ -105,7 +105,7 @@ def _deepest(hits: Sequence[Diagnosis]) -> Optional[Diagnosis]:
 
 
 def _fit(hit: Diagnosis, *, says: bool) -> Fit:
-    return Fit(known=hit, masks=hit.signature.masks, generic=hit.signature.generic, seen=hit.seen, says=says)
+    return Fit(diagnosis=hit, masks=hit.signature.masks, generic=hit.signature.generic, seen=hit.seen, says=says)
 
 
 def _diagnosis(hit: Diagnosis, phase: Optional[str]) -> Dict[str, Any]:
@@ -157,10 +157,10 @@ def _around(here: Facts, text_hints: Hints, failure: Failure) -> Around:
     hinted = dict(text_hints.packages)
     if here.installed is not None and failure.phase not in INSTALLING:
         return Around(installed=here.installed)
-    named = {requirement(text).name for text in here.asked}
+    named = {requirement(text).name for text in here.requirements}
     there = {name: version for name, version in (here.installed or {}).items() if name not in named}
     pins = ("{}=={}".format(*pair) for pair in {**there, **hinted}.items() if pair[0] not in named)
-    return Around(requirements=(*here.asked, *pins))
+    return Around(requirements=(*here.requirements, *pins))
 
 
 def _candidates(
@@ -250,7 +250,7 @@ def _hits(
     """
     if not failure.failed:
         signatures = [one for one in signatures if one.pattern is not None and not one.generic]
-    seen = Evidence(phase=None, told=failure.lines, logs=(failure.text,), signal=killed)
+    seen = Evidence(phase=None, reasons=failure.lines, logs=(failure.text,), signal=killed)
     hits = sorted(matching.matches(signatures, seen), key=lambda hit: _rank(hit, failure))
     best = min([_where(hit, failure) for hit in hits if not hit.signature.masks], default=LOG)
     wordless = failure.failed and not failure.marked and killed is None

@@ -85,7 +85,7 @@ class Keeper:
             self._middle.append(block)
             self._kept += len(block)
 
-    def kept(self) -> Excerpt:
+    def finish(self) -> Excerpt:
         """Return all that is kept, as text. No piece may be taken afterwards."""
         self._close()
         cut = self.size > len(self._head) + len(self._tail)
@@ -106,7 +106,7 @@ def read_excerpt(read: Callable[[int], bytes]) -> Excerpt:
     while True:
         piece = read(CHUNK)
         if not piece:
-            return keeper.kept()
+            return keeper.finish()
         keeper.take(piece)
 
 

@@ -19,15 +19,15 @@ LIKE_IT = 2
 class Place(NamedTuple):
     """The place of an explanation: how we are called, the interpreter that failed, its command, and the kept output.
 
-    `asked` are requirements that lead to the same combination, `installer` serves the environment that failed.
+    `requirements` lead to the same combination, `installer` serves the environment that failed.
     """
 
     program: str = "simmatrix"
     alone: bool = False
     python: Optional[str] = None
     command: Sequence[str] = ()
-    kept: Optional[str] = None
-    asked: Sequence[str] = ()
+    output_file: Optional[str] = None
+    requirements: Sequence[str] = ()
     version: Optional[str] = None
     installer: Optional[Installer] = None
 
@@ -37,9 +37,9 @@ class Place(NamedTuple):
 
 def lines(explanation: Explanation, place: Place) -> Iterator[str]:
     """Yield an explanation as lines for people."""
-    if not explanation.told.failed and not explanation.diagnoses:
+    if not explanation.failure.failed and not explanation.diagnoses:
         yield "no failure: nothing in this text says that anything failed"
-        yield "last line: {}".format(explanation.told.last)
+        yield "last line: {}".format(explanation.failure.last)
     elif explanation.cause is None:
         yield from _unknown(explanation)
     else:
@@ -53,8 +53,8 @@ def lines(explanation: Explanation, place: Place) -> Iterator[str]:
     steps = list(suggest_commands(explanation, place))
     for number, step in enumerate(steps):
         yield "{}      {}".format("next:" if number == 0 else "     ", step)
-    if place.kept:
-        yield "output:    {}".format(place.kept)
+    if place.output_file:
+        yield "output:    {}".format(place.output_file)
 
 
 def _cause(hit: Diagnosis) -> Iterator[str]:
@@ -68,7 +68,7 @@ def _cause(hit: Diagnosis) -> Iterator[str]:
 
 
 def _unknown(explanation: Explanation) -> Iterator[str]:
-    yield "failed:    {}{}".format(explanation.told.decisive or "without a word", _where(explanation))
+    yield "failed:    {}{}".format(explanation.failure.decisive or "without a word", _where(explanation))
     if explanation.diagnoses and explanation.echoed:
         yield "that is:   {}".format(explanation.diagnoses[0].signature.plain["cause"])
         yield "remedy:    {}".format(in_words(explanation.diagnoses[0].signature.plain.get("remedy", {})))
@@ -85,7 +85,7 @@ def _describe_masks(explanation: Explanation) -> Iterator[str]:
 
     If the cause is unknown, the explanation of one such line follows.
     """
-    shown = explanation.cause.seen if explanation.cause else explanation.told.decisive
+    shown = explanation.cause.seen if explanation.cause else explanation.failure.decisive
     masks = [hit for hit in explanation.diagnoses if hit.signature.masks and hit.seen != shown]
     for line in dict.fromkeys(hit.seen for hit in masks):
         yield "hidden by: {}".format(line)
@@ -103,7 +103,7 @@ def _where(explanation: Explanation) -> str:
 
 def suggest_commands(explanation: Explanation, place: Place) -> Iterator[str]:
     """Yield the commands that help from here, the most likely first."""
-    if not explanation.told.failed:
+    if not explanation.failure.failed:
         yield "{} explain -- COMMAND, which keeps all that a command writes".format(place.program)
         return
     if explanation.cause is not None:
@@ -139,7 +139,7 @@ def _suggest_remedy(remedy: Mapping[str, Any], place: Place) -> Iterator[str]:
 
 def _suggest_measurement(explanation: Explanation, place: Place) -> Iterator[str]:
     """Yield the command that measures the same combination apart from this environment."""
-    requirements = place.asked or subjects(explanation.hints.packages)
+    requirements = place.requirements or subjects(explanation.hints.packages)
     if not requirements or place.alone:
         return
     version = place.version or explanation.hints.python
@@ -168,7 +168,7 @@ SUBJECTS = frozenset(
 
 def search_terms(explanation: Explanation) -> str:
     """Return the decisive line without what differs between machines, and the packages that the text names."""
-    first = (explanation.told.decisive or "").partition(" / ")[0]
+    first = (explanation.failure.decisive or "").partition(" / ")[0]
     named = re.sub(r"(?:[A-Za-z]:)?(?:[/\\][\w.+-]+)*[/\\]([\w.+-]+)", r"\1", first)  # a file's name is worth a search
     line = re.sub(r"^(?:ERROR|error): |\b0x[0-9a-f]+\b|\bline \d+", " ", named)
     packages = [name for name in explanation.hints.packages if name in SUBJECTS and name not in line][:3]

@@ -80,7 +80,7 @@ def test_what_a_failure_says() -> None:
     found = (warning("vector.repeat", "another trajectory"),)
     failed = replace(VECTOR, findings=found)
     (told,) = assess(record(case("ppfp", vector=failed)), known(**logs)).failures
-    assert (told.phase, told.told, told.signal) == (Phase.VECTOR, (XML, RESET), None)
+    assert (told.phase, told.reasons, told.signal) == (Phase.VECTOR, (XML, RESET), None)
     assert told.logs == (
         "another trajectory", "libEGL warning", "File a\nE: deep", "File b", "KeyError: 'x'", "of a worker",
     )  # fmt: skip
@@ -94,8 +94,8 @@ def test_what_was_observed_of_a_failure() -> None:
     failed = replace(VECTOR, checks=(check,), findings=(finding, warning("vector.x", "of a library")))
     (told,) = assess(record(case("ppfp", vector=failed))).failures
     assert told.observed == (
-        Sighting(observed=said, line=XML, told=True),
-        Sighting(observed=beside, line="another trajectory", told=False),
+        Sighting(observed=said, line=XML, is_reason=True),
+        Sighting(observed=beside, line="another trajectory", is_reason=False),
     )
 
 
@@ -104,7 +104,7 @@ def test_a_step_of_the_host_and_a_signal() -> None:
     failed = replace(step(Phase.INSTALL, Outcome.FAILED, "worker killed by SIGSEGV in f"), log="evidence/build.log")
     made = record(install=failed, installed=None)
     (told,) = assess(made, Knowledge(logs=lambda path: {path: "gcc: no"})).failures
-    assert (told.phase, told.told, told.logs, told.signal) == (
+    assert (told.phase, told.reasons, told.logs, told.signal) == (
         Phase.INSTALL, ("worker killed by SIGSEGV in f",), ("gcc: no",), "SIGSEGV",
     )  # fmt: skip
 

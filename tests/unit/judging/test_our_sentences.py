@@ -130,7 +130,7 @@ def test_what_stands_alone_knows_the_sentence(one: Signature) -> None:
     """It has neither codes nor templates: what it is given of a known failure has the pattern of our sentence."""
     alone = matching.read(json.loads(json.dumps(one.as_file)))
     pasted = next(words.sentence(seen) for seen in observed(one) if one.observes(seen))
-    (hit,) = matching.matches([alone], matching.Evidence(phase=None, told=(f"{VIOLATION}: {pasted}",)))
+    (hit,) = matching.matches([alone], matching.Evidence(phase=None, reasons=(f"{VIOLATION}: {pasted}",)))
     assert (hit.signature.id, hit.seen) == (one.id, shorten_line(f"{VIOLATION}: {pasted}"))
 
 
@@ -138,13 +138,13 @@ def test_what_stands_alone_knows_the_sentence(one: Signature) -> None:
 def test_a_code_is_told_whatever_its_sentence(one: Signature) -> None:
     """Words may change: with the code there, its line is what it is told by; without it, no line of ours is."""
     seen = next(seen for seen in observed(one) if one.observes(seen))
-    sighting = Sighting(observed=seen, line="in other words", told=True)
+    sighting = Sighting(observed=seen, line="in other words", is_reason=True)
     phase = Phase(one.phases[0])
-    told = Evidence(phase=phase, told=("in other words",), observed=(sighting,))
+    told = Evidence(phase=phase, reasons=("in other words",), observed=(sighting,))
     around = Around(installed={"metaworld": "3", "mujoco": "3", "numpy": "2", "torchrl": "0.8", "panda-gym": "2"})
     found = diagnose([msgspec.structs.replace(one, generic=False)], [told], around)
-    assert [(hit.signature.id, hit.seen, hit.told) for hit in found] == [(one.id, "in other words", True)]
-    other = Evidence(phase=phase, told=(words.sentence(seen),), observed=())
+    assert [(hit.signature.id, hit.seen, hit.is_reason) for hit in found] == [(one.id, "in other words", True)]
+    other = Evidence(phase=phase, reasons=(words.sentence(seen),), observed=())
     assert diagnose([msgspec.structs.replace(one, generic=False)], [other], around) == ()
 
 

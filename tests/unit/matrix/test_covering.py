@@ -42,7 +42,7 @@ def test_given_rows_stay_and_kept_ones_only_as_far_as_they_are_needed() -> None:
         chance = random.Random(seed)
         given = chance.sample(allowed, min(2, len(allowed)))
         kept = chance.sample(allowed, min(5, len(allowed)))
-        chosen = covering(allowed, 2, given=given, kept=kept)
+        chosen = covering(allowed, 2, given=given, preferred=kept)
 
         assert set(given) <= set(chosen) <= set(allowed)
         assert parts_of(chosen, 2) == parts_of(allowed, 2)

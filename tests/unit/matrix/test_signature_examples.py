@@ -47,7 +47,7 @@ def test_versions_are_found() -> None:
 
 def named(one: Signature, text: str) -> list[tuple[str, bool]]:
     """Return the id of each signature that fits a text, and whether it is a mask; `one` has its packages installed."""
-    seen = Evidence(phase=None, told=(text,), signal=one.signal)
+    seen = Evidence(phase=None, reasons=(text,), signal=one.signal)
     return [(each.signature.id, each.signature.masks) for each in diagnose(KNOWN, [seen], around(one))]
 
 
@@ -100,6 +100,6 @@ def test_green_cells_have_no_known_failure() -> None:
     cells = list(green())
     assert len(cells) >= ENOUGH
     for folder, cell in cells:
-        seen = Evidence(phase=None, told=texts(folder, cell))
+        seen = Evidence(phase=None, reasons=texts(folder, cell))
         found = diagnose(KNOWN, [seen], Around(installed=cell.installed, python=cell.python))
         assert [(each.signature.id, each.seen) for each in found] == [], cell.id

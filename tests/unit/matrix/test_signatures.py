@@ -55,7 +55,7 @@ def found(known: list[Signature], *evidence: Evidence, **around: Any) -> list[st
     return [each.signature.id for each in diagnose(known, evidence, Around(**around))]
 
 
-SAID = Evidence(phase=Phase.IMPORT, told=("RuntimeError: it broke",))
+SAID = Evidence(phase=Phase.IMPORT, reasons=("RuntimeError: it broke",))
 
 
 def test_a_file_says_what_there_is_to_say() -> None:
@@ -127,25 +127,25 @@ def test_what_both_understand_is_a_pattern(pattern: str) -> None:
 
 def test_where_nothing_fits_nothing_is_said() -> None:
     """A text without the pattern, or another phase, gives no signature."""
-    assert found([one()], Evidence(phase=Phase.IMPORT, told=("it works",))) == []
-    assert found([one()], Evidence(phase=Phase.VECTOR, told=("it broke",))) == []
-    assert found([one()], Evidence(phase=None, told=("it broke",))) == ["it"]
+    assert found([one()], Evidence(phase=Phase.IMPORT, reasons=("it works",))) == []
+    assert found([one()], Evidence(phase=Phase.VECTOR, reasons=("it broke",))) == []
+    assert found([one()], Evidence(phase=None, reasons=("it broke",))) == ["it"]
 
 
 def test_the_line_that_matched_is_shown() -> None:
     """If a pattern spans a traceback, its exception is shown."""
     trace = one(pattern=r'gym/core\.py", line \d+[\s\S]{0,80}it broke')
     log = 'x\n  File "gym/core.py", line 5, in step\n    fly()\nRuntimeError: it broke at 0x1\nmore\n'
-    (seen,) = diagnose([trace], [Evidence(phase=Phase.IMPORT, told=("RuntimeError",), logs=(log,))], Around())
-    assert (seen.seen, seen.told, seen.phase) == ("RuntimeError: it broke at 0x1", False, Phase.IMPORT)
+    (seen,) = diagnose([trace], [Evidence(phase=Phase.IMPORT, reasons=("RuntimeError",), logs=(log,))], Around())
+    assert (seen.seen, seen.is_reason, seen.phase) == ("RuntimeError: it broke at 0x1", False, Phase.IMPORT)
 
 
 def test_a_signal_alone_can_be_the_sign() -> None:
     """With a pattern both have to fit."""
     alone, both = one("alone", None, signal="SIGSEGV"), one("both", signal="SIGSEGV")
-    assert found([alone, both], Evidence(phase=Phase.IMPORT, told=("killed",), signal="SIGSEGV")) == ["alone"]
-    assert found([alone, both], Evidence(phase=Phase.IMPORT, told=("it broke",), signal="SIGABRT")) == []
-    assert found([both], Evidence(phase=Phase.IMPORT, told=("it broke",), signal="SIGSEGV")) == ["both"]
+    assert found([alone, both], Evidence(phase=Phase.IMPORT, reasons=("killed",), signal="SIGSEGV")) == ["alone"]
+    assert found([alone, both], Evidence(phase=Phase.IMPORT, reasons=("it broke",), signal="SIGABRT")) == []
+    assert found([both], Evidence(phase=Phase.IMPORT, reasons=("it broke",), signal="SIGSEGV")) == ["both"]
 
 
 @pytest.mark.parametrize(
@@ -167,7 +167,7 @@ def test_a_signal_alone_can_be_the_sign() -> None:
 def test_packages_and_python(around: dict[str, Any], fits: bool) -> None:
     """Installed versions decide; without any, the requirements must not contradict the signature."""
     (read,) = signatures.read({"numpy.toml": FULL})
-    assert found([read], Evidence(phase=Phase.SINGLE, told=(LINE,)), **around) == (["numpy-2"] if fits else [])
+    assert found([read], Evidence(phase=Phase.SINGLE, reasons=(LINE,)), **around) == (["numpy-2"] if fits else [])
 
 
 def test_what_is_generic_needs_its_packages() -> None:
@@ -187,8 +187,8 @@ def test_the_deepest_cause_comes_first() -> None:
         one("later", "other", phases=(Phase.VECTOR,)),
         one("specific"),
     ]
-    texts = Evidence(phase=Phase.IMPORT, told=("it broke; no GPU; pipe",), logs=("deep",))
-    vector = Evidence(phase=Phase.VECTOR, told=("other",))
+    texts = Evidence(phase=Phase.IMPORT, reasons=("it broke; no GPU; pipe",), logs=("deep",))
+    vector = Evidence(phase=Phase.VECTOR, reasons=("other",))
     order = ["specific", "later", "logged", "broad", "machine", "mask"]
     for turn in range(len(known)):
         assert found(known[turn:] + known[:turn], vector, texts, installed={"gym": "1"}) == order
@@ -196,7 +196,7 @@ def test_the_deepest_cause_comes_first() -> None:
 
 def test_of_equal_ones_that_of_what_failed_first() -> None:
     """Of two known failures of one cell, the one whose line stands first comes first, however the files are ordered."""
-    first, second = (Evidence(phase=Phase.SINGLE, told=(word,)) for word in ("it broke", "it burst"))
+    first, second = (Evidence(phase=Phase.SINGLE, reasons=(word,)) for word in ("it broke", "it burst"))
     known = [one("a", "it burst", phases=(Phase.SINGLE,)), one("b", "it broke", phases=(Phase.SINGLE,))]
 
     assert found(known, first, second) == ["b", "a"]
@@ -207,7 +207,7 @@ def test_each_is_said_once_where_it_was_told_best() -> None:
     """A decisive line is preferred to a log, then the earlier phase to the later."""
     twice = one(phases=(Phase.IMPORT, Phase.SINGLE))
     logged = Evidence(phase=Phase.IMPORT, logs=("it broke in a log",))
-    told = Evidence(phase=Phase.SINGLE, told=("it broke in so many words",))
+    told = Evidence(phase=Phase.SINGLE, reasons=("it broke in so many words",))
     (seen,) = diagnose([twice], [logged, told], Around())
     assert (seen.phase, seen.seen) == (Phase.SINGLE, "it broke in so many words")
 
@@ -236,7 +236,7 @@ class TestSilent:
         """Silent signatures explain no evidence, whatever its text."""
         known = signatures.read({"silent.toml": textwrap.dedent(self.TEXT)})
 
-        assert diagnose(known, [Evidence(phase=None, told=("anything",))], Around(installed={"physics": "2"})) == ()
+        assert diagnose(known, [Evidence(phase=None, reasons=("anything",))], Around(installed={"physics": "2"})) == ()
 
     def test_examples_without_a_pattern_are_refused(self) -> None:
         """Nothing is written that they could be of."""
@@ -252,7 +252,7 @@ class TestSilent:
         around = Around(installed={"physics": "2"})
 
         assert [one.id for one in matching.lurking(known, around)] == ["quietly"]
-        seen = diagnose(known, [Evidence(phase=Phase.SINGLE, told=("off by 7",))], around)
+        seen = diagnose(known, [Evidence(phase=Phase.SINGLE, reasons=("off by 7",))], around)
         assert [one.signature.id for one in seen] == ["quietly"]
 
     def test_only_a_silent_one_is_scoped(self) -> None:
@@ -274,6 +274,6 @@ def test_a_mask_that_is_only_mentioned_is_none() -> None:
     mask = [one(masks=True, phases=(Phase.INSTALL, Phase.IMPORT))]
     logs = ("a notice that it broke",)
 
-    assert found(mask, Evidence(phase=Phase.IMPORT, told=("ValueError",), logs=logs)) == []
-    assert found(mask, Evidence(phase=Phase.IMPORT, told=logs)) == ["it"]
-    assert found(mask, Evidence(phase=Phase.INSTALL, told=("error",), logs=logs)) == ["it"]
+    assert found(mask, Evidence(phase=Phase.IMPORT, reasons=("ValueError",), logs=logs)) == []
+    assert found(mask, Evidence(phase=Phase.IMPORT, reasons=logs)) == ["it"]
+    assert found(mask, Evidence(phase=Phase.INSTALL, reasons=("error",), logs=logs)) == ["it"]

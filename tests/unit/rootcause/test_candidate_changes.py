@@ -21,7 +21,7 @@ WHOLE = Change(
 
 def told(*lines: str, phase: Phase = Phase.SINGLE) -> list[Evidence]:
     """Return the evidence of one failure with these lines."""
-    return [Evidence(phase=phase, told=lines)]
+    return [Evidence(phase=phase, reasons=lines)]
 
 
 def test_parts_make_the_whole_again() -> None:
@@ -113,7 +113,9 @@ def test_what_an_error_says_to_install() -> None:
 
 def test_suspects() -> None:
     """Packages named in the line that says why come first, then those named in logs, then the others."""
-    evidence = [Evidence(phase=Phase.SINGLE, told=("module 'cv2' has no attribute 'x'",), logs=("numpy/core numpy",))]
+    evidence = [
+        Evidence(phase=Phase.SINGLE, reasons=("module 'cv2' has no attribute 'x'",), logs=("numpy/core numpy",))
+    ]
     assert failure_hints.suspects(["aaa", "numpy", "opencv-python"], evidence) == ("opencv-python", "numpy", "aaa")
     assert failure_hints.named("opencv-python", evidence)
     assert not failure_hints.named("numpy", evidence)

@@ -27,7 +27,7 @@ def test_every_boundary_is_found(count: int) -> None:
         found = boundary(range(count), turning(place), rules=RULES)
 
         assert (found.good, found.bad, found.between, found.refused) == (place - 1, place, (), None)
-        assert len(found.asked) <= 1.5 * bound(count)
+        assert len(found.observations) <= 1.5 * bound(count)
         assert found.confidence >= RULES.confidence
 
 
@@ -49,8 +49,8 @@ def test_an_end_that_is_not_what_was_claimed_is_refused(test: Callable[[int], An
     """Nothing is searched between ends that do not hold, and no boundary is told."""
     found = boundary(range(10), test, rules=RULES)
 
-    assert (found.refused, found.good, found.bad, found.found) == (refused, None, None, False)
-    assert len(found.asked) <= 7
+    assert (found.refused, found.good, found.bad, found.exists) == (refused, None, None, False)
+    assert len(found.observations) <= 7
 
 
 def test_what_cannot_be_tested_is_stepped_around() -> None:
@@ -74,7 +74,7 @@ def test_a_long_block_that_cannot_be_tested_is_not_tried_whole() -> None:
     found = boundary(range(200), lambda index: UNTESTABLE if 20 <= index < 180 else turning(100)(index), rules=RULES)
 
     assert (found.good, found.bad) == (19, 180)
-    assert len(found.asked) < 40
+    assert len(found.observations) < 40
 
 
 def test_several_boundaries_are_noticed_and_told_as_a_chain() -> None:
@@ -87,7 +87,7 @@ def test_several_boundaries_are_noticed_and_told_as_a_chain() -> None:
         (29, 30, GOOD, BAD),
     ]
     assert (found.good, found.bad) == (29, 30)
-    assert [(asked.candidate, asked.answer) for asked in found.asked if asked.candidate in {15, 25}].count(
+    assert [(asked.candidate, asked.answer) for asked in found.observations if asked.candidate in {15, 25}].count(
         (25, GOOD)
     ) > 1
 
@@ -124,7 +124,7 @@ def test_answers_at_hand_are_not_asked_again() -> None:
     found = boundary(range(32), turning(16), rules=RULES, prior_answers=known)
 
     assert (found.good, found.bad) == (15, 16)
-    assert all(one.free for one in found.asked)
+    assert all(one.free for one in found.observations)
 
 
 def test_what_costs_little_is_preferred() -> None:
@@ -144,7 +144,7 @@ def test_the_steps_left_are_told_and_come_true() -> None:
     told: list[Progress[int]] = []
     found = boundary(range(64), turning(20), rules=RULES, watch=told.append)
 
-    assert abs(told[0].left - len(found.asked)) <= 3
+    assert abs(told[0].left - len(found.observations)) <= 3
     assert told[-1].left <= 2
     assert all(progress.candidate not in progress.upcoming for progress in told)
     followed = sum(after.candidate in now.upcoming for now, after in pairwise(told))
@@ -169,7 +169,7 @@ def test_a_flaky_end_is_asked_until_it_stands() -> None:
 
 def test_a_doubt_costs_answers() -> None:
     """More confidence takes more answers, never fewer."""
-    asked = [len(boundary(range(32), turning(9), rules=Rules(confidence=p)).asked) for p in (0.9, 0.99, 0.9999)]
+    asked = [len(boundary(range(32), turning(9), rules=Rules(confidence=p)).observations) for p in (0.9, 0.99, 0.9999)]
 
     assert asked == sorted(asked)
     assert asked[0] < asked[-1]
@@ -185,7 +185,7 @@ def test_the_changes_that_cure_are_found(culprits: set[int]) -> None:
 
     assert found.items == tuple(sorted(culprits))
     assert found.least
-    assert len(found.asked) <= 2 * bound(17) * len(culprits)
+    assert len(found.observations) <= 2 * bound(17) * len(culprits)
 
 
 def test_nothing_is_told_where_all_changes_do_not_cure() -> None:
@@ -255,7 +255,7 @@ def searched(one: World, confidence: float) -> Boundary[int]:
 
 def ran(found: Boundary[int]) -> int:
     """Return how many runs it took; what cannot be installed is not run."""
-    return sum(each.answer is not UNTESTABLE for each in found.asked)
+    return sum(each.answer is not UNTESTABLE for each in found.observations)
 
 
 def right(one: World, found: Boundary[int]) -> bool:
@@ -271,7 +271,7 @@ def test_single_culprits_of_100_worlds() -> None:
 
     assert [one for one, found in results if not right(one, found)] == []
     assert all(ran(found) <= 1.5 * found.bound for _, found in results)
-    assert sum(len(found.asked) for _, found in results) <= 1.5 * sum(found.bound for _, found in results)
+    assert sum(len(found.observations) for _, found in results) <= 1.5 * sum(found.bound for _, found in results)
 
 
 def test_single_culprits_of_100_flaky_worlds() -> None:
@@ -281,7 +281,7 @@ def test_single_culprits_of_100_flaky_worlds() -> None:
 
     assert [one for one, found in surely if not right(one, found)] == []
     assert sum(map(ran, (found for _, found in surely))) <= 2 * sum(found.bound for _, found in surely)
-    environments = [len({one.candidate for one in found.asked}) for _, found in surely]
+    environments = [len({one.candidate for one in found.observations}) for _, found in surely]
     assert sum(environments) <= 1.25 * sum(found.bound for _, found in surely)
 
 
@@ -294,7 +294,7 @@ def test_pairs_of_100_worlds() -> None:
         found = minimise(range(count), lambda chosen, p=pair: GOOD if p <= set(chosen) else BAD, rules=RULES)
 
         assert set(found.items or ()) == pair
-        assert len(found.asked) <= 3.5 * bound(count + 1)
+        assert len(found.observations) <= 3.5 * bound(count + 1)
 
 
 def test_pairs_of_50_flaky_worlds() -> None:

@@ -113,7 +113,7 @@ def test_a_bisection_asks_for_the_same_misleading() -> None:
     """A candidate that misleads alike is bad, one that passes the check is good, and one not refuted is unknown."""
     asked = Predicate(failure=seen_by(Outcome.FAILED).failure)
 
-    assert asked.of(seen_by(Outcome.FAILED)).answer is Answer.BAD
-    assert asked.of(seen_by(Outcome.PASSED)).answer is Answer.GOOD
-    assert asked.of(doubtful()).answer is Answer.UNTESTABLE
-    assert Predicate(failure=trial(case("pppf")).failure).of(seen_by(Outcome.FAILED)).answer is Answer.UNTESTABLE
+    assert asked.classify(seen_by(Outcome.FAILED)).answer is Answer.BAD
+    assert asked.classify(seen_by(Outcome.PASSED)).answer is Answer.GOOD
+    assert asked.classify(doubtful()).answer is Answer.UNTESTABLE
+    assert Predicate(failure=trial(case("pppf")).failure).classify(seen_by(Outcome.FAILED)).answer is Answer.UNTESTABLE

@@ -14,7 +14,7 @@ DEEP = Fit("deep", masks=False, generic=False, seen="no such field", says=True)
 BROAD = Fit("broad", masks=False, generic=True, seen="no such field", says=True)
 ELSEWHERE = Fit("elsewhere", masks=False, generic=True, seen="another line", says=False)
 MASK = Fit("mask", masks=True, generic=True, seen="a worker is gone", says=True)
-LOGGED = MASK._replace(known="logged", says=False)
+LOGGED = MASK._replace(diagnosis="logged", says=False)
 
 
 @pytest.mark.parametrize(

@@ -235,7 +235,7 @@ def test_known_failures_of_an_import() -> None:
 
 def test_a_log_is_no_cause() -> None:
     """An error and its traceback count as evidence; other printed text does not."""
-    seen = [Evidence(phase="single", told=("ValueError: other",), logs=("warning: bool8 is gone",))]
+    seen = [Evidence(phase="single", reasons=("ValueError: other",), logs=("warning: bool8 is gone",))]
     probes: dict[str, Any] = {"imports": {}, "clean_imports": {}}
 
     assert reading.known_causes([bool8("bool8")], probes, installed(gym="0.26.2", numpy="2.2.6"), seen) == ()

@@ -123,7 +123,7 @@ def test_plain_signatures_are_matched_as_typed_ones() -> None:
     for one in known:
         for text in one.examples:
             for more in arounds:
-                typed = matching.diagnose(known, [Evidence(phase=None, told=(text,))], Around(python="3.10", **more))
-                seen = matching.Evidence(phase=None, told=(text,))
+                typed = matching.diagnose(known, [Evidence(phase=None, reasons=(text,))], Around(python="3.10", **more))
+                seen = matching.Evidence(phase=None, reasons=(text,))
                 made = matching.diagnose(read, [seen], matching.Around(python="3.10", **more))
                 assert [hit.signature.id for hit in made] == [hit.signature.id for hit in typed]

@@ -39,7 +39,7 @@ def test_logs_of_what_works_have_neither_failure_nor_cause() -> None:
             for name, text in shipped_signatures.texts(folder / cell.evidence).items():
                 if not name.endswith(".jsonl") and text.strip():
                     made = explain_text(text, known())
-                    assert (made.told.decisive, made.cause) == (None, None), (cell.id, name)
+                    assert (made.failure.decisive, made.cause) == (None, None), (cell.id, name)
                     count += 1
     assert count > 100
 

@@ -362,7 +362,7 @@ def test_a_pattern_over_frames_belongs_to_their_exception() -> None:
 def test_what_is_installed_does_not_speak_against_what_is_being_installed() -> None:
     """The package that cannot be built is not there yet."""
     missing = standalone_signature("missing", "No module named 'pkg_resources'", packages=["box2d"], phases=["install"])
-    assert named(PIP_BUILD, missing, installed={"numpy": "1.26.4"}, asked=("box2d==2.3",)) == ["missing"]
+    assert named(PIP_BUILD, missing, installed={"numpy": "1.26.4"}, requirements=("box2d==2.3",)) == ["missing"]
     assert named(PIP_BUILD, missing, installed={"numpy": "1.26.4"}) == ["missing"]
 
 

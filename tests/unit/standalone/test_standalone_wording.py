@@ -26,7 +26,7 @@ def said(text: str, place: Place, *those: matching.Signature, **here: object) ->
 
 def test_a_known_cause() -> None:
     """The text has the remedy as commands for this interpreter, and the place of the output."""
-    place = Place(python="/e/bin/python", kept="out.log")
+    place = Place(python="/e/bin/python", output_file="out.log")
     assert said(TRACE + "ValueError: no wings\n", place, wings(REMEDY)) == [
         "failed:    ValueError: no wings",
         "cause:     it has none",
