@@ -91,7 +91,7 @@ def judge(folder: Path, index: Index, opened: Store) -> JudgedReport:
         plans,
         {name: facts for one in packed for name, facts in one.machines.items()},
         probes={name: probe for one in packed for name, probe in one.probes.items()},
-        known=shipped_signatures.beside(opened.folder),
+        knowledge=shipped_signatures.beside(opened.folder),
         locate=publishing.place(records, opened, folder),
     )
     again = JudgedReport(folder=folder, index=index, plans=plans, document=build(generated=index.judged))
