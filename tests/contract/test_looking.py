@@ -20,7 +20,7 @@ sys.path.insert(0, {folder!r})
 from alone import running
 from alone.doctor import doctor
 known = doctor.Knowledge([], lambda: {{"cells": [], "locks": {{}}}})
-made = doctor.document(doctor.Asked({python!r}, None, dict(os.environ), os.getcwd()), running.run, known)
+made = doctor.document(doctor.Request({python!r}, None, dict(os.environ), os.getcwd()), running.run, known)
 print(json.dumps([made["environment"]["version"], doctor.code(made), list(doctor.lines(made, str))]))
 """
 

@@ -20,12 +20,12 @@ PROBE = str(Path(gl_probe.__file__))
 KEEPING = """
 import sys, time
 from pathlib import Path
-from harness.machine.display import shown
+from harness.machine.display import open_display
 from harness.machine.process import Command, Limits, Profile
 
 folder = Path(sys.argv[1])
 env, limits = {"DISPLAY": "virtual"}, Limits(seconds=1)
-with shown(Command(argv=(), cwd=folder, env=env, limits=limits, log=folder / "log", profile=Profile.HOST), folder):
+with open_display(Command(argv=(), cwd=folder, env=env, limits=limits, log=folder / "log", profile=Profile.HOST), folder):
     print("there", flush=True)
     time.sleep(60)
 """
