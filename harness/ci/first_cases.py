@@ -40,7 +40,7 @@ LONGEST = 200
 class FirstCases:
     """The cases of a first matrix, the extras that they need, and sentences on what was and was not found out.
 
-    `asked` is whether the package could be installed and imported, `registered` how many environments it has.
+    `importable` is whether the package could be installed and imported, `registered` how many environments it has.
     """
 
     cases: tuple[Drafted, ...] = ()

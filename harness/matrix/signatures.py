@@ -308,7 +308,7 @@ def _check_silent(signature: Signature) -> str | None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Sighting:
-    """An observation with the line that it stands in; `told` marks a line that says why something failed."""
+    """An observation with the line that it stands in; `is_reason` marks a line that says why something failed."""
 
     observed: Observed
     line: str

@@ -56,7 +56,7 @@ TESTS = frozenset({"test", "tests"})
 class SubjectWheel:
     """The subject's wheel for one interpreter, with its metadata; `groups` is the table in its pyproject.toml.
 
-    `asked` remembers the requirements worked out for earlier cells.
+    `requirement_cache` remembers the requirements worked out for earlier cells.
     """
 
     path: Path

@@ -109,7 +109,7 @@ def diagnosis(signature: Any, phase: Optional[str] = None, seen: str = "") -> Di
 
 
 class Evidence(NamedTuple):
-    """Evidence of one failure. `told` are the lines that say why, `logs` all other output.
+    """Evidence of one failure. `reasons` are the lines that say why, `logs` all other output.
 
     `phase` is None where that is not known: then it may be any. `observed` is what our own of these lines say, as codes
     and data; None where there are only texts.
@@ -131,7 +131,7 @@ class Around(NamedTuple):
 
 
 class Diagnosis(NamedTuple):
-    """A known failure that fits. `seen` is the line that shows it; without `told`, it is in the log only."""
+    """A known failure that fits. `seen` is the line that shows it; without `is_reason`, it is in the log only."""
 
     signature: Any
     phase: Optional[str]

@@ -14,7 +14,7 @@ from harness.model.vocabulary import HOST, NONE, UNSET, Kind, Label, When, alter
 
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Choice:
-    """One value of one axis. `asked` is how the file writes it, `text` how cells name it, `label` its part of ids."""
+    """One value of one axis. `literal` is how the file writes it, `text` how cells name it, `label` its part of ids."""
 
     axis: str
     kind: Kind

@@ -71,7 +71,7 @@ class Tried(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(kw_only=True, slots=True)
 class HostInspection:
-    """The inspections that only the host can do. `tried` and `drawn` are set once `more` was called."""
+    """The inspections that only the host can do. `tried` and `drawn` are set once `inspect` was called."""
 
     env: str | None
     rendering: bool

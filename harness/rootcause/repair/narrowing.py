@@ -21,7 +21,7 @@ SINGLES = 2
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Suspect:
-    """A package in which two locks differ. `build` is true if builds use it, `asked` if the user requires it."""
+    """A package in which two locks differ. `build` is true if builds use it, `required` if the user requires it."""
 
     name: str
     good: str

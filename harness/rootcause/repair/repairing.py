@@ -64,7 +64,7 @@ class RepairResult:
     """The result of a repair. `change` is the remedy, `proof` the cell with it.
 
     `moved` are packages that the user had bounded. `stopped` says why the search ended early, `left` what was not
-    tried, `bound` how many tests its binary searches need at most, `told` what was learned on the way.
+    tried, `bound` how many tests its binary searches need at most, `notes` what was learned on the way.
     """
 
     status: Status

@@ -39,7 +39,7 @@ INSTALLING = ("resolve", "install")
 class Facts(NamedTuple):
     """Facts known besides the text: the packages and the Python of an environment, and how a command ended.
 
-    `asked` are the requirements that a command line names. `failed` is whether it surely failed. `measured` is the
+    `requirements` are the requirements that a command line names. `failed` is whether it surely failed. `measured` is the
     document of measured results.
     """
 
