@@ -25,7 +25,8 @@ from harness.machine.process import Command, Limits, Profile
 
 folder = Path(sys.argv[1])
 env, limits = {"DISPLAY": "virtual"}, Limits(seconds=1)
-with open_display(Command(argv=(), cwd=folder, env=env, limits=limits, log=folder / "log", profile=Profile.HOST), folder):
+command = Command(argv=(), cwd=folder, env=env, limits=limits, log=folder / "log", profile=Profile.HOST)
+with open_display(command, folder):
     print("there", flush=True)
     time.sleep(60)
 """

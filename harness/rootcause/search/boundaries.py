@@ -34,8 +34,8 @@ class Turn(Generic[T]):
 class Boundary(Generic[T]):
     """The neighbours `good` and `bad`, with those `between` them that could not be tested or were not tried.
 
-    Both are None if an end is `refused`. `observations` is every answer in order. `bound` is how many answers a search without
-    flakiness needs at most, both ends included. `chain` is every change that was seen along the line.
+    Both are None if an end is `refused`. `observations` is every answer in order. `bound` is how many answers a
+    search without flakiness needs at most, both ends included. `chain` is every change that was seen along the line.
     """
 
     good: T | None

@@ -52,8 +52,8 @@ class Prepared:
     """A cell that is resolved and installed. `cases` are still to be probed, in `context`; none where it is finished.
 
     `claims` are the keys of the runs to be made, `environment` is the key of where; `suite` comes after the cases.
-    `site` is there where an environment was all that was wanted. `from_store` is whether the record is that of an earlier
-    run. `around` makes the context of other settings.
+    `site` is there where an environment was all that was wanted. `from_store` is whether the record is that of an
+    earlier run. `around` makes the context of other settings.
     """
 
     record: CellRecord

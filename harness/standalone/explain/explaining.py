@@ -39,8 +39,8 @@ INSTALLING = ("resolve", "install")
 class Facts(NamedTuple):
     """Facts known besides the text: the packages and the Python of an environment, and how a command ended.
 
-    `requirements` are the requirements that a command line names. `failed` is whether it surely failed. `measured` is the
-    document of measured results.
+    `requirements` are the requirements that a command line names. `failed` is whether it surely failed. `measured` is
+    the document of measured results.
     """
 
     installed: Optional[Mapping[str, str]] = None
