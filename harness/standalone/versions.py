@@ -50,7 +50,7 @@ class Specifiers:
 
     def admits(self, text: str) -> bool:
         """Return whether a version fits, be it a prerelease; a text that is no version fits only `===`."""
-        return all(_admits(clause, text) for clause in self.clauses)
+        return _admits_all(self, text)
 
     def newest(self, texts: Iterable[str]) -> Optional[str]:
         """Return the greatest of several versions that fits; None if none does."""
@@ -58,10 +58,15 @@ class Specifiers:
         return max(fitting, key=version) if fitting else None
 
 
+@lru_cache(maxsize=None)  # a report asks the same of a package in each of its cells
+def _admits_all(specifiers: Specifiers, text: str) -> bool:
+    return all(_admits(clause, text) for clause in specifiers.clauses)
+
+
 def _admits(clause: Specifier, text: str) -> bool:
     if clause.operator == "===":
         return text.strip().lower() == clause.version.lower()
-    return is_version(text) and bool(clause.contains(text, prereleases=True))
+    return is_version(text) and bool(clause.contains(version(text), prereleases=True))
 
 
 @lru_cache(maxsize=None)

@@ -20,8 +20,8 @@ MOST = 9
 class Minimal(Generic[T]):
     """The `items` that cure, none of which can be left out as far as that could be tested; None if all do not cure.
 
-    `observations` is every test in order, `bound` how many tests a single culprit needs at most. `least` is true if each
-    item was shown to be needed; leaving out an item of `unsure` could not be tested.
+    `observations` is every test in order, `bound` how many tests a single culprit needs at most. `least` is true if
+    each item was shown to be needed; leaving out an item of `unsure` could not be tested.
     """
 
     items: tuple[T, ...] | None
