@@ -96,6 +96,7 @@ class Assessed:
     @cached_property
     def cases(self) -> tuple[AssessedCase, ...]:
         """Return the cases of the record, in its order, with their phases as they count."""
+        # `_counted` goes on with cases of the cell that have no record.
         pairs = zip(self.record.cases, self._counted, strict=False)
         return tuple(AssessedCase(record=case, phases=phases) for case, phases in pairs)
 
@@ -127,6 +128,7 @@ class Assessed:
 
     def _shown(self) -> Iterator[Diagnosis]:
         if self.verdict is Verdict.MISLEADS:
+            # Reversed, so that of several cases the first keeps its line.
             lines = {
                 check.check: check.decisive for case in reversed(self.cases) for check in reversed(case.misleading)
             }

@@ -52,9 +52,11 @@ def _suspect(check: str, control: ControlRecord) -> str | None:
     """Return the control's failed check that discounts this one: itself, or one that stood in its way; else None."""
     if check in control.failed:
         return check
+    # The control passed this very check, so the adapter is not in doubt here, whatever else of it failed.
     if check in control.passed:
         return None
     doubtful = set(_reached_over(phase_of(check)))
+    # A misleading check that fails stops nobody, so it casts no doubt on the checks behind it.
     deciding = (failed for failed in control.failed if failed not in MISLEADING)
     return next((failed for failed in deciding if phase_of(failed) in doubtful), None)
 

@@ -52,6 +52,7 @@ def met(expect: Expectation | ExpectationEntry | None, judged: Judged, names: Na
         return None
     if expect is None:
         return judged.verdict is Verdict.WORKS
+    # `names` stands last: it may read signatures and logs.
     return (
         judged.verdict is expect.verdict
         and expect.phase in {None, judged.phase}
@@ -87,6 +88,7 @@ def outdated(cell_id: str, verdict: Verdict, expect: Expectation | ExpectationEn
 
 def passed(expect: Expectation | ExpectationEntry, today: str) -> bool:
     """Return whether the last day of an expectation is over."""
+    # Dates of this form compare as texts; without a `today`, its empty text is before every day.
     return bool(expect.until) and today[:10] > str(expect.until)[:10]
 
 

@@ -94,6 +94,7 @@ def _texts(name: str, text: str, phase: Phase) -> Iterator[str]:
     for entry in plain_records(text):
         if entry.get("outcome") != "passed" and _about(entry, phase):
             yield from _find_cell_texts(entry)
+            # Findings bring their sentences in the record, so only those of checks are made here.
             observed = in_words(entry.get("observed")) if entry.get("kind") == "check" else None
             yield from [observed] if observed else []
 

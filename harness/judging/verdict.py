@@ -45,6 +45,7 @@ def judge(evidence: CellRecord, cases: Cases) -> Judgement:
     if needed:
         return Judgement(verdict=Verdict.NOT_RUN, phases=phases, decisive=needed)
     missed = idle(evidence)
+    # Every package that is asked for has to run before a cell works; for a failure to count, one that ran is enough.
     if missed and (verdict is Verdict.WORKS or (verdict in AFTER_IMPORT and len(missed) == len(evidence.cell.asked))):
         return Judgement(verdict=Verdict.NOT_RUN, phases=phases, decisive=nothing_of(missed, evidence))
     phase, decisive = (
@@ -76,6 +77,7 @@ def _tried_alone(phases: Outcomes) -> str:
 
 def _verdict(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord | None) -> Verdict:
     resolve, install = step_outcome(evidence.resolve), step_outcome(evidence.install)
+    # A build may fail while the cell is resolved: then there is an install step, but no resolve step.
     if install in FAILING and resolve not in FAILING:
         return Verdict.UNINSTALLABLE
     for outcome, failed in ((resolve, Verdict.UNRESOLVABLE), (install, Verdict.UNINSTALLABLE)):
@@ -137,6 +139,7 @@ def _judge_probes(cases: Sequence[Outcomes], suite: Outcomes) -> Verdict:
     after = {outcome for case in cases for phase, outcome in case.items() if phase is not Phase.IMPORT}
     after |= {*suite.values()}
     if (imports | after) & FAILING:
+        # A passed import is nothing that works: only what comes after it makes a cell partial.
         if Outcome.PASSED in after:
             return Verdict.PARTIAL
         untried = {Outcome.UNAVAILABLE, Outcome.NOT_REACHED}

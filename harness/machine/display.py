@@ -44,6 +44,7 @@ SERVERS = (
 
 SOCKETS = Path("/tmp/.X11-unix")
 PATIENCE_SECONDS, POLL_SECONDS = 20.0, 0.005
+# A server ends with the run that it serves. Every command needs a limit, and this one is never to be reached.
 LONGEST_SECONDS = 30 * 86400.0
 MEMORY_MB = 2000
 
@@ -124,6 +125,7 @@ def _server(folder: Path) -> Iterator[tuple[Running, str]]:
     name = f":{FIRST_NUMBER + secrets.randbelow(NUMBERS)}"
     arguments = (name, "-displayfd", "3", "-screen", "0", SCREEN, "-nolisten", "tcp", "-noreset", "-auth", "authority")
     command = Command(
+        # The supervisor passes on no descriptor beyond the standard three, so a shell opens the one for -displayfd.
         argv=("/bin/sh", "-c", f'exec "$0" "$@" 3> {number.name}', executable, *arguments),
         cwd=folder,
         env={name: value for name, value in os.environ.items() if name.startswith(SERVERS)},

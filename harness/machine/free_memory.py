@@ -48,6 +48,7 @@ def _groups(root: Path) -> Iterator[int]:
             names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
         else:
             continue
+        # A container may see only the uppermost group, though the path is the machine's: an absent folder yields none.
         own = base / path.strip("/")
         for folder in (own, *own.parents):
             if not folder.is_relative_to(base):

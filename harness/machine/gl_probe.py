@@ -63,6 +63,7 @@ class Egl:
 
     def __init__(self) -> None:
         self.library = load("libEGL.so.1")
+        # ctypes takes a result without a declared type for an int, and cuts a pointer to 32 bits.
         self.library.eglGetProcAddress.restype = c_void_p
         self.library.eglCreateContext.restype = c_void_p
         self.library.eglCreateContext.argtypes = [c_void_p, c_void_p, c_void_p, c_void_p]

@@ -253,6 +253,7 @@ def _ask(path: Path) -> Facts | None:
         lines = log.read_text(encoding="utf-8", errors="replace").splitlines()
     finally:
         log.unlink(missing_ok=True)
+    # A `.pth` file or a `sitecustomize` may print, too, so the answer stands on a line with a mark.
     answers = (line.removeprefix(_MARK) for line in lines if line.startswith(_MARK))
     try:
         return guarded_files.decoder(Facts).decode(next(answers, ""))

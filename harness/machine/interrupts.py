@@ -48,6 +48,7 @@ def _end(number: int, frame: "FrameType | None") -> None:
     try:
         os.write(2, f"{sentence(code)}\n".encode())
     finally:
+        # An exception is no way out here: some modules crash where a signal raises while they are imported.
         os._exit(code)
 
 

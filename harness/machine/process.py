@@ -151,6 +151,7 @@ class Running:
                 stderr=log,
                 bufsize=0,
                 env={name: os.environ[name] for name in LOADER if name in os.environ},
+                # Ctrl-C in a terminal must not reach the supervisor: `stop` ends each command and gives the reason.
                 start_new_session=True,
             )
         self._overdue = monotonic() + command.limits.seconds + STUCK_SECONDS
@@ -194,6 +195,7 @@ class Running:
     def kill(self, reason: str) -> None:
         """End it: SIGTERM, half a second, SIGKILL."""
         self._overdue = min(self._overdue, monotonic() + STUCK_SECONDS)
+        # The keeper reads the reason up to the first line end, so it must have none of its own.
         self._tell(" ".join(reason[:500].split()).encode(errors="replace") + b"\n")
 
     def __enter__(self) -> Self:
@@ -324,6 +326,7 @@ def confinement() -> list[str]:
     status = [line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(names)]
     namespaces = [str(Path("/proc/self/ns", name).readlink()) for name in ("user", "pid", "mnt")]
     files = [Path(name) for name in ("/proc/self/attr/current", *CONFINING)]
+    # TMPDIR counts: sandboxes are tried in a folder there, and not every file system can hold a layer.
     return [*status, *namespaces, *(_read_text(file) for file in files), f"TMPDIR={os.environ.get('TMPDIR')}"]
 
 
@@ -343,6 +346,7 @@ def _start(command: Command, sandbox: str) -> Running:
         if _stopped.is_set():
             message = "Interrupted: no further command is started."
             raise CouldNotTell(message)
+        # The start stays under the gate: `stop` either finds the command among the live ones or refuses it.
         running = Running(command, sandbox)
         _live.add(running)
     return running
@@ -360,6 +364,7 @@ def _order(command: Command, sandbox: str) -> dict[str, Any]:
         "sandbox": sandbox,
         "confined": command.profile is Profile.CELL,
         "home": str(command.home and command.home.absolute()),
+        # The supervisor compares these paths as text (`sandbox.reopen`), so no link may be left in them.
         "sealed": [str(folder.resolve()) for folder in command.sealed],
         "writable": [str(folder.resolve()) for folder in (*command.writable, *_own(command.home))],
         "shielded": [str(folder.resolve()) for folder in command.shielded],
@@ -485,6 +490,7 @@ _remembered: list[str] = []
 
 @functools.cache
 def _best_sandbox() -> str:
+    # The last one is taken untried: it keeps no write out of a sealed folder, so `_holds` would refuse it.
     return (
         _remembered[0]
         if _remembered
@@ -508,6 +514,7 @@ def _holds(sandbox: str) -> bool:
             home=home,
             sealed=(sealed,),
         )
+        # `start` would ask for the best sandbox, which is only being found out here.
         with _start(command, sandbox) as running:
             done = running.wait()
         seen = done.written == ("written",) if sandbox.endswith("overlay") else done.exit_code not in (None, 0)

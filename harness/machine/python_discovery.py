@@ -36,6 +36,7 @@ def candidates(managed: Path) -> tuple[Path, ...]:
         discovery = guarded_files.read_decoded(memory, MOST, guarded_files.decoder(_Discovery).decode)
     except Unreadable:
         discovery = None
+    # A link can lead elsewhere while the folder that holds it stays unchanged.
     if (
         discovery is None
         or discovery.marks != marks
@@ -51,6 +52,7 @@ def _marks(managed: Path) -> list[str]:
     listed = [Path(folder).absolute() for folder in os.environ.get("PATH", "").split(os.pathsep) if folder]
     for root in (*_roots(), managed):
         folders = sorted(folder for folder in root.iterdir() if folder.is_dir()) if root.is_dir() else []
+        # `bin` has a mark of its own: a long build makes the folder of a version well before its Python.
         inner = [place for folder in folders for place in (folder, folder / "bin", folder / "install/bin")]
         listed += [root, *inner]
     return [

@@ -39,6 +39,7 @@ def imported(module: str) -> dict[str, Path]:
         if path and name not in files:
             files[name] = path
             package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+            # Python runs the `__init__` of every package above a module, so those count, too.
             waiting += [package, name.rpartition(".")[0], *_imports(path.read_text(encoding="utf-8"), package)]
     return files
 

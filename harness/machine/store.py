@@ -286,6 +286,7 @@ class Store:
             cell = _renamed(record.cell)
             if cell is record.cell:
                 yield record
+            # A record under an older id gives way to one under today's id.
             elif not self.cell_file(record.machine, cell.id).exists():
                 yield replace(record, cell=cell)
 

@@ -125,6 +125,7 @@ def choose_variables(
     if way:
         variables["MUJOCO_GL"] = way
     if given.get("MUJOCO_GL", way) == "osmesa":
+        # PyOpenGL binds itself to GLX where it is imported first, and then has no functions of OSMesa.
         variables["PYOPENGL_PLATFORM"] = "osmesa"
     variables["SDL_VIDEODRIVER"] = "dummy"
     shown = {*needs, *drawing_needs({**variables, **given}), *_pyglet_needs(packages)}
@@ -234,7 +235,9 @@ def _parts() -> dict[str, dict[str, str]]:
         gl_answers = dict(zip(ways, pool.map(_ask, ways), strict=True))
         answers = {**gl_answers, "display": shown.result(), "gpu": _gpu(Path("/"))}
     parts = {name: answer for name, (answer, _) in answers.items()}
+    # An answer that a limit or a kill cut short is not kept: the next attempt may give another.
     if all(certain for _, certain in answers.values()):
+        # A forced sandbox was not found to be the best, so no later process may take it for that.
         sandbox = "" if os.environ.get(process.FORCED) else process.sandbox_mode()
         write_atomic(memory, msgspec.json.encode(_Memory(marks=marks, parts=parts, sandbox=sandbox)))
     return parts

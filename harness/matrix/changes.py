@@ -97,6 +97,7 @@ def same(cell: Cell, other: Cell) -> bool:
 
 def produces(base: Cell, change: Change, other: Cell) -> bool:
     """Return whether a change makes this other cell of a cell, and not the same cell again."""
+    # This room does no I/O, so the recipes are put together from what both cells carry.
     recipes: dict[str, tuple[Repair, ...]] = {}
     for repair in (*base.question.overlay, *other.question.overlay):
         recipes[repair.name] = (*(one for one in recipes.get(repair.name, ()) if one != repair), repair)

@@ -155,6 +155,7 @@ def value_text(kind: Kind, text: str) -> str:
         case Kind.PYTHON:
             return text if text == HOST else version_text(text)
         case Kind.PACKAGE:
+            # `latest` would be another version tomorrow, while an id names one; a range is expanded once and committed.
             if text == "latest":
                 message = '"latest" is not a version; write { range = ">=0", rule = "newest" }'
                 raise ValueError(message)
@@ -305,10 +306,12 @@ def _check_case(file: str, path: Keys, case: CaseTable) -> None:
         if case.env is None and not case.imports:
             message = 'a case needs an "env", or "imports" alone'
             raise ValueError(message)
+        # A prefix that is near no API may be the module of a callable, as in `robots:make`.
         prefix = (case.env or "").rpartition(":")[0]
         if case.env is not None and api_of(case.env, case.api) is None and "did you mean" in suggestion(prefix, APIS):
             message = f'the key "api" is missing{suggestion(prefix, APIS)}'
             raise ValueError(message)
+        # Called for its refusal alone: `plan/contents.py` makes the id.
         case_id(case.env, case.imports)
     checks = checks_of(case.checks) if case.env else (IMPORT_CHECK,)
     with locate_errors(file, *path, "checks"):
@@ -395,6 +398,7 @@ def _included(matrix: Matrix, index: int, table: IncludeTable) -> IncludeTable:
             axis = _axis(matrix, name)
             values[name] = value_text(axis.kind, text)
             labels = [value.text for value in axis.values]
+            # A bundle's label stands for changes that only a listed one has; a version speaks for itself.
             if axis.kind is Kind.BUNDLE and text not in labels:
                 message = f'unknown value "{text}"{suggestion(text, labels)}'
                 raise ValueError(message)

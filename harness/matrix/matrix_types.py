@@ -265,6 +265,7 @@ class Axis:
         versions, *_, bundles = cls.reads
         if not isinstance(plain, dict):
             return cls(Kind.PACKAGE, tuple(map(_version_value, convert(plain, versions))))
+        # Tested before the keys below, so that a bundle may have a value called `variable`, `extra` or `group`.
         if all(isinstance(value, dict) for value in plain.values()):
             named = convert(plain, bundles).items()
             return cls(

@@ -63,6 +63,7 @@ def read(text: str, file: str) -> tuple[Repair, ...]:
         except InvalidSpecifier:
             message = f'"{table.python}" is not a specifier such as ">=3.7,<3.12"'
             raise ValueError(message) from None
+    # The repaired wheel has one hash on every machine, so nothing that builds it may float.
     for index, line in enumerate(table.build):
         with locate_errors(file, "build", index):
             if not re.fullmatch(r"[\w.-]+==[\w.!+-]+", line):
@@ -110,6 +111,7 @@ def _check_origin(release: ReleaseTable, table: RecipeTable) -> None:
 def fitting(repairs: Iterable[Repair], question: Question) -> tuple[Repair, ...]:
     """Return the repairs of releases that a question may resolve to: allowed by its bounds, and uploaded in time."""
     lines = (*question.requirements, *question.constraints)
+    # An override replaces every other bound on its package, and so it does here.
     bounds = _bounds(lines) | _bounds(question.overrides)
     absent = set(question.absent)
     return tuple(
@@ -147,6 +149,7 @@ def _bounds(lines: Iterable[str]) -> dict[str, SpecifierSet]:
     bounds: dict[str, SpecifierSet] = {}
     for line in lines:
         requirement = parsed_requirement(line)
+        # A question names no interpreter, so whether a marker holds is not known here.
         if requirement.marker is None:
             name = required_name(line)
             bounds[name] = bounds.get(name, SpecifierSet()) & requirement.specifier

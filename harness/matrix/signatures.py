@@ -55,6 +55,7 @@ class PortablePattern(Word):
     def canonical(cls, text: str) -> str:
         """Return the text itself, once it compiles and has nothing that is Python's alone."""
         compiled = Pattern.compiled(text, re.MULTILINE)
+        # Escaped backslashes go first: the `\Z` in `C:\\Zone` is no escape.
         foreign = PYTHONS_ESCAPE.search(text.replace("\\\\", ""))
         plain = re.sub(ESCAPED, "e", text)
         fault = next((what for syntax, what in UNPORTABLE if re.search(syntax, _searched(syntax, plain))), None)
@@ -267,6 +268,7 @@ def read(texts: Mapping[str, str]) -> tuple[Signature, ...]:
         for index, signature in enumerate(load_toml(text, SignaturesFile, file).signature):
             with locate_errors(file, "signature", index):
                 _check(signature)
+            # A former id still finds its failure, so no other one may have it.
             for name in (signature.id, *signature.formerly):
                 if name in files_by_id:
                     message = f'{file}: signature[{index}].id: "{name}" is listed twice, first in {files_by_id[name]}'
@@ -291,6 +293,7 @@ def _check(signature: Signature) -> None:
         message = f'"{signature.id}" has an empty remedy; say in words ("text") what can be done, or that nothing can'
     if message:
         raise ValueError(message)
+    # The expressions in `data` are part of the wording, which a browser searches as well.
     if signature.code:
         PortablePattern.canonical(signature.wording or "")
 

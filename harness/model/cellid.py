@@ -154,6 +154,7 @@ def of_question(python: str, requirements: Iterable[Requirement], details: Itera
     for detail in sorted(set(details)):
         value = spell(detail.value)[:READABLE].strip("-")
         parts.append(f"{MORE}{detail.word}{f'-{value}' if value else ''}")
+        # A capital letter counts as lost: ids have to differ on disks that do not care for case.
         opaque += (
             [repr(detail)]
             if detail.rest or not re.fullmatch(r"[a-z0-9.+-]*", detail.value) or value != detail.value
@@ -178,6 +179,7 @@ def _requirement(name: str, lines: Sequence[Requirement]) -> tuple[str, bool]:
     bounds = sorted({_bound(each.operator, each.version) for line in lines for each in line.specifier}, key=_by_version)
     plain = not any(line.url or line.marker for line in lines)
     if not bounds:
+        # The end of a name such as `py-3` reads as a version, so `any` says that none is asked for.
         ambiguous = "-" in head and SPECIFIER.fullmatch(head.rpartition("-")[2])
         return (f"{head}-{ANY}" if ambiguous else head), plain
     first = bounds[0].removeprefix(OPERATORS["=="])
@@ -242,6 +244,7 @@ def to_old_form(cell: Named) -> str:
     return f"{matrix(cell.id)}/{_older(label(cell.id), tuple(cell.axes.items()))}"
 
 
+# Each glob that does not fit a cell asks for the older name of that cell again.
 @lru_cache(maxsize=65536)
 def _older(text: str, axes: tuple[tuple[str, str], ...]) -> str:
     values = dict(_renderings(axes))
@@ -280,6 +283,7 @@ def to_current_form(cell_id: str, axes: Mapping[str, str], python: str | None = 
     The axes may stand in any order, as a document has them.
     """
     text = label(cell_id)
+    # An ad-hoc label holds more than the values of its axes, so they cannot take it apart.
     if matrix(cell_id) == TRY or _arranged(text.partition(f"{BETWEEN}{WITH}")[0], axes, BETWEEN, 0):
         return cell_id
     for body, tail in _bodies(text):

@@ -40,6 +40,7 @@ def understanding() -> Iterator[None]:
     except MemoryError as error:
         message = "it is too large for the memory"
         raise Unreadable(message) from error
+    # A decoder may raise anything on hostile data, and all of it means the same: the content is wrong.
     except Exception as error:
         message = " ".join(f"{error}"[:300].split()) or type(error).__name__
         raise Unreadable(message) from error

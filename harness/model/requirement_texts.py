@@ -14,6 +14,7 @@ from packaging.version import InvalidVersion, Version
 DEEPEST = 50
 """Parentheses that a marker may have."""
 
+# Far above any real version, and far below the digits that `int` refuses.
 LONG_NUMBER = re.compile(r"\d{100}")
 TOO_LONG = "it has a number of too many digits"
 

@@ -31,6 +31,7 @@ DRAFT = "https://json-schema.org/draft/2020-12/schema"
 
 SURROGATE = re.compile(r"(?i)\\ud[89a-f]")
 _ANY_KEY = "[...]"  # how msgspec writes a key of a mapping
+# msgspec reports an error as one text, so these patterns take it apart.
 _PLACES = re.compile(r" - at (?:`key` in )?`\$([^`]*)`")
 _SEGMENT = re.compile(r"\.([^.\[]+)|\[(\d+)\]|(\[\.\.\.\])")
 _UNKNOWN_KEY = re.compile(r"Object contains unknown field `(.*)`", re.DOTALL)
@@ -72,6 +73,7 @@ def load_toml(text: str, kind: type[T], file: str) -> T:
     """Read TOML text as `kind`; `file` is the name that messages give it. Dates are read as ISO 8601 strings."""
     with readable(file):
         plain = toml_table(text, file)
+        # Read again for a message only: as a number 3.10 is 3.1, and the message quotes what stands in the file.
         return _checked(_without_dates(plain), kind, file, literals=lambda: tomllib.loads(text, parse_float=str))
 
 
@@ -106,6 +108,7 @@ def readable(file: str) -> Iterator[None]:
     except RecursionError:
         message = f"{file}: is nested too deep"
     except ValueError as error:
+        # Python's own message advises a call of a function, which is no help to a user.
         what = "has an integer of too many digits" if "set_int_max_str_digits" in str(error) else str(error)
         message = f"{file}: {what}"
     else:
@@ -252,6 +255,7 @@ def _segments(error: str, plain: Any, kind: Any) -> list[str | int]:
     msgspec does not say which key of a mapping it met: it is the key that fails in the same way by itself.
     """
     path: list[str | int] = []
+    # A value that reads itself puts its inner path first; msgspec adds the path around it behind.
     for name, index, any_key in _SEGMENT.findall("".join(reversed(_PLACES.findall(error)))):
         if any_key:
             keys = _at(plain, path)

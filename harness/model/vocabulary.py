@@ -88,9 +88,11 @@ IMPORT_CHECK = CHECKS[0]
 PHASES = tuple(dict.fromkeys(name.partition(".")[0] for name in STANDARD))
 
 INCELL = Path(__file__).parent.parent / "incell"
+# Listed, not imported: nothing of the host imports the programs that run in cells.
 APIS = tuple(sorted(m.name.removeprefix("api_") for m in iter_modules([str(INCELL)]) if m.name.startswith("api_")))
 """The adapters, each a file `api_NAME.py`."""
 
+# mypy reads no Literal that is made at run time; msgspec does, and so a message can name the nearest adapter.
 if TYPE_CHECKING:
     Api = str
 else:
@@ -276,6 +278,7 @@ class Instant(Word):
         except ValueError:
             message = f'"{text}" is not a date such as 2026-11-20 nor a moment such as 2026-11-20T12:00:00Z'
             raise ValueError(message) from None
+        # Instants are compared as texts, so all of them have one length and one zone.
         moment = moment.replace(tzinfo=moment.tzinfo or UTC).astimezone(UTC)
         return moment.replace(microsecond=0, tzinfo=None).isoformat() + "Z"
 
@@ -425,6 +428,7 @@ def matcher(kind: Kind, pattern: str) -> Callable[[str], bool]:
     if pattern == ABSENT and kind is Kind.PACKAGE:
         return lambda value: value == ABSENT
     specifiers = _specifiers(kind, pattern)
+    # A pre-release is a value only where a file asks for it, so a `when` does not pass over it.
     return cache(lambda value: value != ABSENT and specifiers.contains(value, prereleases=True))
 
 
@@ -453,11 +457,13 @@ def _at(piece: str, value: str, start: int) -> bool:
 
 def _specifiers(kind: Kind, pattern: str) -> SpecifierSet:
     exact = re.fullmatch(r"\d[^,\s]*", pattern)
+    # `3.10` means each 3.10.x of Python, while `1.2` of a package is that release alone.
     minor = kind is Kind.PYTHON and re.fullmatch(r"\d+\.\d+", pattern)
     try:
         specifiers = requirement_texts.specifiers(f"=={pattern}{'.*' if minor else ''}" if exact else pattern)
     except InvalidSpecifier:
         specifiers = SpecifierSet()
+    # An empty set would hold for every version.
     if not specifiers:
         short = pattern if len(pattern) <= LONGEST_QUOTE else f"{pattern[:LONGEST_QUOTE]}..."
         message = f'"{short}" is neither a version nor a specifier such as ">=1.0,<2"'

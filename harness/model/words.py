@@ -178,6 +178,7 @@ def _meets(condition: Any, value: Any) -> bool:
         return isinstance(value, Mapping) and _fits(condition, value)
     if isinstance(condition, str):
         return not isinstance(value, Mapping) and re.fullmatch(condition, str(value)) is not None
+    # `True == 1` in Python, and a condition on a number does not mean a boolean.
     return bool(type(value) is type(condition) and value == condition)
 
 

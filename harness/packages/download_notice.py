@@ -43,4 +43,5 @@ def _size(artifact: Artifact) -> int:
         with urlopen(Request(artifact.source, method="HEAD"), timeout=TIMEOUT) as answer:
             return int(answer.headers.get("Content-Length") or 0)
     except (OSError, ValueError):
+        # Only a notice depends on it: a size that cannot be had holds up no install.
         return 0

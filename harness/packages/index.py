@@ -130,6 +130,7 @@ def _listed(client: _Client, places: UserIndex, name: str) -> list[_File]:
         if page is not None:
             package_exists = True
             files += page
+            # As in uv: the first index that has the package hides the others.
             if places.strategy == "first-index":
                 break
     if not package_exists:
@@ -162,6 +163,7 @@ def fetch(artifact: Artifact, folder: Path, matrix: IndexSettings = NOTHING, *, 
         with closing(_Client(combined(matrix), offline=offline)) as client:
             client.download(artifact.source, temporary)
         _check(temporary, artifact)
+        # `tempfile` makes files that only their owner may read; many machines may share a folder of `simmatrix fetch`.
         temporary.chmod(0o644)
         temporary.replace(target)
     finally:
@@ -188,6 +190,7 @@ class _Client:
         page = f"{(address or PYPI_SIMPLE_ENDPOINT).rstrip('/')}/{canonicalize_name(name)}/"
         folder = _local(page)
         if folder is not None:
+            # A missing index is a trouble of this machine; an index without this page does not have the package.
             html = _there(folder.parent) and folder / "index.html"
             return _from_html(html.read_bytes(), html.as_uri()) if html.is_file() else None
 
@@ -271,6 +274,7 @@ class _Client:
             try:
                 return in_time(work, PAGE_READS * self._timeout[1], slowest=slowest)
             except Overdue as error:
+                # No further attempt: this one took all the time that the work may have.
                 message = f"{_shown(address)} could not be had: {error}"
                 raise IndexUnreachable(message) from None
             except (RequestException, ValueError) as error:
@@ -300,6 +304,7 @@ def _reason(error: Exception) -> str:
         return f"it answers HTTP {response.status_code}; put its login into ~/.netrc or into the index setting"
     if response is not None and response.status_code >= 400:
         return f"it answers HTTP {response.status_code}; try again later, or set another index"
+    # The order counts: proxy and TLS errors, and some timeouts, are ConnectionErrors of requests, too.
     reasons: tuple[tuple[type[Exception], str], ...] = (
         (exceptions.ProxyError, "the proxy refuses; check HTTPS_PROXY"),
         (exceptions.SSLError, "its certificate is not accepted; name your CA bundle in SSL_CERT_FILE"),

@@ -89,6 +89,7 @@ def _uv_settings() -> UserIndex:
         no_index=any(one.no_index for one in files),
         strategy=given("UV_INDEX_STRATEGY") or next((one.strategy for one in files if one.strategy), None),
         certificates=given("SSL_CERT_FILE"),
+        # Reversed: the last entry of a dict wins, and the user's file stands before the system's.
         trust={name: value for one in reversed(files) for name, value in one.trust.items()},
     )
 
@@ -110,6 +111,7 @@ def _uv_file(path: Path) -> UserIndex:
     except (RecursionError, ValueError) as error:
         message = f"{path}: uv's settings cannot be read: {error}"
         raise BadInput(message) from None
+    # Only `uv pip` commands run here, and for them the `[pip]` table comes before the top level.
     table = {**table, **table.get("pip", {})}
     indexes = [entry for entry in table.get("index", ()) if not entry.get("explicit")]
     addresses = [(entry, _named(f"{entry.get('name', '')}={entry['url']}", path.parent)) for entry in indexes]
@@ -158,6 +160,7 @@ def _pip_options() -> dict[str, str]:
     files += [Path(named)] if named else []
     parser = configparser.RawConfigParser()
     try:
+        # pip reads no file at all where PIP_CONFIG_FILE is the null device.
         parser.read([] if named == os.devnull else files, encoding="utf-8")
     except (configparser.Error, UnicodeDecodeError) as error:
         message = f"pip's settings cannot be read: {error}"
@@ -182,6 +185,7 @@ def _user_config() -> Path:
 def _named(value: str, folder: Path = Path()) -> str:
     """Return the address of uv's `NAME=ADDRESS`, with the login of `UV_INDEX_NAME_USERNAME` and `_PASSWORD`."""
     name, separator, address = value.partition("=")
+    # An address may hold a `=` of its own; an index of a settings file may have an empty name.
     if not separator or not re.fullmatch(r"[\w.-]*", name):
         return _located(value, folder)
     prefix = "UV_INDEX_" + re.sub(r"\W", "_", name).upper()

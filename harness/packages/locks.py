@@ -111,6 +111,7 @@ def tags(interpreter: Interpreter) -> Mapping[Tag, int]:
     platforms = list(platform_tags())
     own: Iterator[Tag] = iter(())
     if name == "cpython":
+        # Before Python 3.8 the tag of an ABI ends in `m`, as in cp37m.
         abi = f"cp{version[0]}{version[1]}" + ("m" if version < (3, 8) else "t" * (build == "freethreaded"))
         own = cpython_tags(version, [abi], platforms)
     short = f"cp{version[0]}{version[1]}" if name == "cpython" else None
@@ -184,6 +185,7 @@ def _restore_pin(
     offered.sort(
         key=lambda artifact: rank(artifact.filename, interpreter) if artifact.is_wheel else (UNRANKED + 1, (0, ""))
     )
+    # All hashes of the lock, not only those found now: the restored text has to be the committed one.
     return Pin(name=name, version=version, artifact=offered[0], hashes=hashes)
 
 

@@ -57,14 +57,17 @@ def in_time(work: Callable[[Watch], T], seconds: float, *, slowest: float = floa
         try:
             future.set_result(work(watch))
         except BaseException as error:
+            # An error that only ended the thread would keep the caller waiting until the time is over.
             future.set_exception(error)
 
+    # A daemon: an abandoned thread must not hold up the end of the command.
     Thread(target=run, daemon=True).start()
     try:
         while not process.stopped() and monotonic() < began + seconds + watch.received / slowest:
             try:
                 return future.result(LOOK_SECONDS)
             except TimeoutError:
+                # The work may raise a TimeoutError itself: then it is done, and there is nothing to wait for.
                 if future.done():
                     return future.result()
     finally:

@@ -71,6 +71,7 @@ class SubjectWheel:
     def wheel(self) -> environments.Wheel:
         """Return the wheel in the form that environments install."""
         artifact = Artifact(filename=self.path.name, sha256=self.tested.sha256, source=str(self.path))
+        # Two builds of the same files are different wheels; by their content they share an environment.
         return environments.Wheel(
             name=self.tested.name, version=self.tested.version, artifact=artifact, mark=self.tested.content
         )
@@ -124,6 +125,7 @@ def copy_source(subject: Subject, target: Path) -> Path:
         return checkouts.copy_commit(subject.source, subject.commit or "", target)
     path = Path(subject.source)
     copy = checkouts.copy_folder(path, target)
+    # Compared after the copy, so that a change in the middle of it is noticed, too.
     if checkouts.of_folder(path).mark != subject.state:
         here = (one.relative_to(copy) for one in copy.rglob("*") if one.is_file() and ".git" not in one.parts)
         newest = max(here, key=lambda name: (copy / name).stat().st_mtime, default=Path())
@@ -333,6 +335,7 @@ def _holding(line: str, name: str, environment: Mapping[str, str], chosen: list[
     if canonicalize_name(requirement.name) == name:
         chosen += [one for one in sorted(map(canonicalize_name, requirement.extras)) if one not in chosen]
         return
+    # uv knows none of these extras and would drop a requirement whose marker names one.
     requirement.marker = None
     yield str(requirement)
 

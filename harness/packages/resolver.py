@@ -79,6 +79,7 @@ def restore(
     Of the question, the index settings, builds and torch backend count. Raises BadInput for a text that is no lock.
     """
     pins = locks.read_pins(requirements)
+    # The versions are pinned: a cutoff or a rule on pre-releases could only hide files of the lock.
     exact = replace(
         question,
         requirements=tuple(f"{name}=={version}" for name, (version, _) in pins.items()),
@@ -111,6 +112,7 @@ def _answer(asking: _Asking) -> Lock | Step:
     backend = asking.question.torch_backend
     if backend not in {"cpu", "any"}:
         return _attempt(replace(asking, options=(*asking.options, "--torch-backend", backend)))
+    # `cpu` is the default of every question: the backend, another index, is asked only after a GPU build came.
     answer = _attempt(asking)
     if backend == "cpu" and isinstance(answer, Lock) and _is_gpu(answer) and not _gpu_asked(asking.question):
         return _cpu_build(answer, asking)
@@ -204,6 +206,7 @@ def _failure(result: uv_command.Result, asking: _Asking) -> Step:
 def _is_remote(settings: IndexSettings) -> bool:
     """Return whether packages are looked for on the network."""
     places = index_settings.combined(settings)
+    # `https://` stands for the default index, which uv knows by itself.
     indexes = () if places.no_index else (*places.extra, places.default or "https://")
     return any("://" in place and not place.startswith("file:") for place in (*places.find_links, *indexes))
 
@@ -246,6 +249,7 @@ def _cpu_build(gpu: Lock, asking: _Asking) -> Lock | Step:
         if isinstance(answer, Lock) or answer.outcome is not Outcome.FAILED:
             return answer
     chosen = {name: version for name, version in gpu.versions.items() if name in TORCH}
+    # The cutoff is off for the backend's undated files: their versions are those that were chosen under it.
     undated = (part for name in chosen for part in ("--exclude-newer-package", f"{name}=false"))
     same = [f"{name}=={Version(version).public}" for name, version in chosen.items()]
     answer = _attempt(asking.narrowed(same, ("--torch-backend", "cpu", *undated)))

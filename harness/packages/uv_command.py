@@ -64,6 +64,7 @@ def shared_cache() -> Path:
 @contextmanager
 def scratch() -> Iterator[Path]:
     """Yield an empty folder on the cache's own disk: uv reads settings from the folder it works in."""
+    # Callers rename folders from here into the cache, or out of it, and a rename works on one disk only.
     parent = cache_folder() / "tmp"
     parent.mkdir(exist_ok=True)
     with scratch_folder(parent) as folder:
@@ -76,6 +77,7 @@ def compile_lock(call: Call, interpreter: Interpreter, arguments: Iterable[str],
     user_index = index_settings.combined(call.index)
     no_index = ("--no-index",) if user_index.no_index else ()
     options = ("--python", interpreter.path, "--no-header", "--output-file", str(output), *no_index)
+    # Without this log `uv_failures.met_source` and `uv_failures.unreadable` find nothing.
     variables = {"RUST_LOG": "uv_distribution=debug,uv_resolver=warn"}
     if links := ",".join(_existing(user_index.find_links, call.index)):
         variables["UV_FIND_LINKS"] = links
@@ -110,6 +112,7 @@ def tidy(what: str) -> bool:
 def forget(packages: Iterable[str]) -> bool:
     """Remove these packages from uv's cache, so that they are downloaded anew; False if uv fails."""
     with scratch() as folder:
+        # If this fails, an install keeps its damaged files, so another uv is waited for longer than in `tidy`.
         patient = {"UV_LOCK_TIMEOUT": "60"}
         call = Call(
             index=IndexSettings(), folder=folder, log=folder / "uv.log", cache=shared_cache(), variables=patient
@@ -163,6 +166,7 @@ def _trouble(completed: process.Completed) -> str | None:
 
 def _environment(call: Call) -> dict[str, str]:
     user_index = index_settings.combined(call.index)
+    # uv reads no settings file of the user here: what such files say of trust comes as variables; the shell's own win.
     variables = {**user_index.trust, **{name: value for name, value in os.environ.items() if PASSED_ON.fullmatch(name)}}
     given = {
         "UV_DEFAULT_INDEX": user_index.default,
@@ -172,6 +176,7 @@ def _environment(call: Call) -> dict[str, str]:
         "ALL_PROXY": variables.get("ALL_PROXY") or user_index.proxy,
     }
     variables |= {name: value for name, value in given.items() if value}
+    # Last, so that no build variable of a matrix moves the cache. Only `interpreters.obtain` may download a Python.
     fixed = {"UV_CACHE_DIR": str(call.cache), "UV_PYTHON_DOWNLOADS": "never"}
     return {**variables, **call.variables, **fixed}
 

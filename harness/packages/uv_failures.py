@@ -114,6 +114,7 @@ def failure(text: str, phase: Phase) -> Step:
     """
     words = _parse_message(text)
     own = str(words)
+    # First: such texts also hold words of TROUBLE (`Failed to extract archive`) or of BAD_INPUT.
     if MALFORMED.search(own) or NO_PROJECT.search(own):
         return Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive=_places_apart(_plain(words)))
     if BAD_INPUT.search(own):
@@ -129,6 +130,7 @@ def failure(text: str, phase: Phase) -> Step:
             f"the metadata of {foreign[1]} are those of {foreign[2]}: the index mixed them up, or a wheel is malformed"
         )
         return Step(phase=phase, outcome=Outcome.INFRA, decisive=f"{decisive}; try again later")
+    # Before `_of_packages`: `No solution found` also heads a refused login or a missing network; a hint tells.
     if TROUBLE.search(own):
         return Step(phase=phase, outcome=Outcome.INFRA, decisive=_trouble(words))
     step = _of_packages(words, own, phase)
@@ -138,6 +140,7 @@ def failure(text: str, phase: Phase) -> Step:
 
 def _of_packages(words: _UvMessage, own: str, phase: Phase) -> Step | None:
     """Return the step for a failure that uv blames on packages; None for any other."""
+    # BUILD and METADATA come before `No solution found`, which their texts may hold, too.
     if BUILD.search(own):
         return _build(words)
     if METADATA.search(own):
@@ -176,6 +179,7 @@ def _parse_message(text: str) -> _UvMessage:
         if BUILD_OUTPUT.match(bare):
             printed_by_backend = True
         elif bare.startswith("hint: ") or line.startswith("error: "):
+            # uv marks no end of the backend's output: its own next hint or headline ends it.
             printed_by_backend = False
         (backend if printed_by_backend else own).append(line)
     return _UvMessage(own=tuple(line for line in own if line.strip()), backend="\n".join(backend))

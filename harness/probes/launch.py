@@ -74,6 +74,7 @@ class Site:
             **self.variables,
             **brought,
             **path_variable,
+            # This entry is the last: no variable of a matrix may lead byte code away from the folder of this run.
             bytecode.PREFIX: cache_variables[bytecode.PREFIX],
         }
 
@@ -143,6 +144,7 @@ def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left:
         command = process.Command(
             argv=(
                 str(folder / site.python.relative_to(site.folder)),
+                # -I would ignore the PYTHONPATH of the case.
                 "-s",
                 str(INCELL / "bootstrap.py"),
                 str(scratch / "request.json"),
@@ -220,6 +222,7 @@ def prepare_environment(site: Site, scratch: Path) -> tuple[Path, tuple[Path, ..
         """Return the names not to copy: the file that leads on, and links that are there already."""
         here = Path(at)
         there = next(target / here.relative_to(folder) for folder in site.folders if here.is_relative_to(folder))
+        # copytree fails where it has to make a link that is already there.
         return {LEADS_ON} | {name for name in names if (here / name).is_symlink() and (there / name).is_symlink()}
 
     for folder in site.folders:

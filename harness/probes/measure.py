@@ -64,6 +64,7 @@ class Laboratory:
         done, reply = ran.completed, ran.reply
         host = replace(self.host, shares_memory=done.sandbox != process.UNSEALED or launch.shared_memory_here())
         ours = done.shot or done.killed or done.timed_out or done.out_of_memory or ran.full
+        # Facts come with the first record of a reply: where there are any, Python has started.
         bare = None if reply.facts or ours else bare_start.broken_by_packages(site)
         if bare is None and reply.checks and all(check.outcome in FINE for check in reply.checks):
             return host
@@ -118,6 +119,7 @@ class _Cleaner:
 def _texts(ran: launch.ProbeResult, clean: _Cleaner) -> Iterator[tuple[str, bytes]]:
     """Yield the texts of a run by name, the reply first, as many as are kept."""
     left = MOST_EVIDENCE
+    # Judging needs the reply most, so it comes before other texts can use up the room.
     for name, text in sorted(ran.texts(), key=lambda pair: pair[0] != REPLY):
         content = clean.file(name, text[:left]).encode(errors="replace")
         left = max(0, left - len(content))
@@ -129,6 +131,7 @@ def _pictures(ran: launch.ProbeResult) -> Iterator[tuple[str, bytes]]:
     drawn = dict.fromkeys(name for _, name in ran.reply.frames)
     for name in list(drawn)[:MOST_FRAMES]:
         with suppress(Unreadable):
+            # One byte more than a frame may have is read, so that a longer file is refused, not cut.
             picture = thumbnails.thumbnail(ran.left.head(name, thumbnails.LARGEST + 1))
             if picture:
                 yield f"{Path(name).stem}{PICTURE}", picture

@@ -56,6 +56,7 @@ def _written(value: object) -> Iterator[str]:
             yield from _written(item)
         yield "]"
     else:
+        # `repr` depends on the Unicode tables of the Python that runs, so `!a` writes ASCII alone.
         yield f"{type(value).__name__} {value!a}"
 
 

@@ -10,6 +10,7 @@ from harness.model.hostile_data import Unreadable, understanding
 WIDTH = 192
 LARGEST = 64 << 20
 
+# numpy's own reader would evaluate the header as Python, and a hostile one nests without end.
 ARRAY = re.compile(
     rb"\x93NUMPY(?:\x01\x00..|\x02\x00....)"
     rb"\{'descr': '\|u1', 'fortran_order': (True|False), 'shape': \((\d{1,9}), (\d{1,9}), 3\), \} *\n",

@@ -27,6 +27,7 @@ MOST_RUN, MOST_CLAIM, MOST_FILE = 4 << 20, 4 << 20, 64 << 20
 
 RUN = re.compile(rb"[0-9a-f]{64}")
 APPEND = os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC | os.O_NOFOLLOW
+# People open the files of a run by hard links: a write there would damage what the vault keeps.
 READ_ONLY = 0o444
 
 
@@ -51,10 +52,12 @@ class Vault:
         """Keep a run as an answer to a key, and return its name."""
         name = self.keep(msgspec.json.encode(run, order="deterministic"))
         self._lay(name, run)
+        # The key comes last: a kill before it leaves a run that nobody asks for, never a key without its run.
         path = self._claim(key)
         path.parent.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(path, APPEND, 0o644)
         try:
+            # This is one write to the end of the file, so lines of several processes do not mix.
             os.write(descriptor, f"{name}\n".encode())
         finally:
             os.close(descriptor)

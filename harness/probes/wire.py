@@ -380,6 +380,7 @@ class _Reading:
                 yield f"worker {worker.pid}: tells of {check}, which was not started"
                 continue
             seen = {end.pid: end for end in reply.workers}
+            # A parent that died or hung names no worker; then the files of the workers are all there is.
             if reply.outcome is not None and worker.pid not in seen:
                 yield f"worker {worker.pid}: its parent does not know it"
                 continue

@@ -24,6 +24,7 @@ INSIDE = "simmatrix_doctor"
 """The name of the package in the file: no library is called so."""
 
 SHEBANG = b"#!/usr/bin/env python3\n"
+# Any Python 3 must be able to compile this text, so that one that is too old can say so: `%`, no newer syntax.
 START = f"""\
 import sys
 
@@ -58,6 +59,7 @@ def content(signatures: tuple[Signature, ...], results: Mapping[str, Any]) -> by
         f"{INSIDE}/measured.json.gz": digest.packed(dict(results)),
     }
     buffer = io.BytesIO(SHEBANG)
+    # Without the seek the archive would overwrite the first line.
     buffer.seek(0, os.SEEK_END)
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
         for name, data in members.items():

@@ -116,6 +116,7 @@ def marks() -> Callable[[Cell], str]:
         key = tuple(map(id, (cell.question, cell.cases, cell.files, cell.needs, *later)))  # shared between cells
         if key not in cache:
             question = dataclasses.replace(cell.question, index=IndexSettings(), snapshot=None)
+            # An empty later field adds nothing, so a cell without it keeps the mark that older reports hold.
             around = (cell.files, cell.needs, *filter(None, later))
             content = msgspec.json.encode((question, cell.cases, *around), order="deterministic")
             cache[key] = sha256(content).hexdigest()[:16]
@@ -342,6 +343,7 @@ def _renamed(document: Document) -> Document:
         diagnoses = (replaced(one, proof=names.get(one.proof or "", one.proof)) for one in cell.diagnoses)
         return replaced(cell, id=names[cell.id], base=cell.base and names[cell.base], diagnoses=tuple(diagnoses))
 
+    # A sentence about a cell begins with its id; one about the matrix file does not.
     stale = (text.partition(" ") for text in document.stale)
     return replaced(
         document,

@@ -96,6 +96,7 @@ def accept(text: str, matrix: Matrix, cells: Sequence[Cell], red_cells: Sequence
     for red in red_cells:
         groups.setdefault((red.verdict, red.phase, _line(red.lines), red.cell.base is None), []).append(red.cell)
     planned = [cell for cell in cells if cell.base is None]
+    # Values of axes never select a changed cell (`ExpectTable.of_changed`), so each of them gets its label.
     tables = [
         _table(selector, verdict, phase, line, wish)
         for (verdict, phase, line, plain), group in groups.items()
@@ -123,6 +124,7 @@ def _line(lines: Sequence[str]) -> str:
 
     These are the code of our own sentence, else a regular expression that finds them all.
     """
+    # A code still fits after the words of our sentence have changed; a pattern for these words would not.
     first, *others = [recognise(line) for line in lines] or [None]
     if first is None or any(other != first for other in others):
         match = "|".join(escaped(_cut(line)) for line in lines)
@@ -270,6 +272,7 @@ def _spliced(text: str, tables: Sequence[str], gone: set[int], before: int | Non
     Raises BadInput if the expectations are not written as [[expect]] tables.
     """
     end = "\r\n" if "\r\n" in text else "\n"
+    # Lines keep their `\r`, so a file of another system keeps its line ends.
     lines = text.split("\n")
     blocks = list(_blocks(lines))
     if len(blocks) != len(tomllib.loads(text).get("expect", ())):
@@ -304,6 +307,8 @@ def _headers(lines: Sequence[str]) -> Iterator[int]:
     """
     last = 0
     for at, line in enumerate(lines):
+        # A header inside a string of several lines is none. To parse the whole text at each header would take minutes
+        # for a file with thousands of tables.
         if HEADER.match(line) and _is_toml("\n".join([*lines[last:at], ""])):
             last = at
             if not INNER.match(line):

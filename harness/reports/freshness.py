@@ -38,10 +38,12 @@ def mark(plan: Plan, records: Iterable[CellRecord], here: Machine, folder: Path,
 
     It is equal for two reports into one folder, made on one day, exactly if they say the same.
     """
+    # A record's own mark stands for all that its outcomes depend on; the other fields named here are not part of it.
     record_marks = [
         (one.cell.id, one.mark, one.measured, one.seconds, one.reused, one.controls) if one.mark else (one.cell.id, one)
         for one in records
     ]
+    # The folder counts because the paths in a report are relative to it; the day, because expectations end on one.
     return store.digest(
         plan, record_marks, here.id, here.facts, str(folder.absolute()), options, store.now()[:10], _stat_sources()
     )
@@ -53,6 +55,7 @@ def read(note: Path, made_of: str, folder: Path) -> Document | None:
         noted = guarded_files.read_decoded(note, MOST, lambda text: msgspec.json.decode(text, type=_Note))
         if noted == _Note(made_of, _files(folder)):
             return document.read(given_files.read_content(folder / FILES[0]), str(folder / FILES[0]))
+    # Whatever is wrong with the note or the report, the report is made again.
     except (OSError, Unreadable, HarnessError):
         pass
     return None

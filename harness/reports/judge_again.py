@@ -94,6 +94,7 @@ def judge(folder: Path, index: Index, opened: Store) -> JudgedReport:
         knowledge=shipped_signatures.beside(opened.folder),
         locate=publishing.place(records, opened, folder),
     )
+    # The first build is as of the last judging: only with that instant can an unchanged report be equal to the byte.
     again = JudgedReport(folder=folder, index=index, plans=plans, document=build(generated=index.judged))
     return again if again.unchanged else replace(again, document=build(generated=store.now()))
 

@@ -48,6 +48,7 @@ def merge(sources: Sequence[Source]) -> Document:
     return Document(
         generated=generated,
         machines=_machines(documents),
+        # Proofs are marked again: one shard may hold the red cell and another the cell that proves its remedy.
         cells=change_effects.mark_proven(cells),
         dropped=tuple(_dropped(documents, planned)),
         matrices={name: matrix for made in documents for name, matrix in made.matrices.items()},
@@ -67,6 +68,7 @@ def _cells(documents: Iterable[Document]) -> list[CellEntry]:
         listed: dict[str, dict[str, None]] = {}
         for entry in report.cells:
             listed.setdefault(entry.matrix, {})[entry.id] = None
+            # `document.build` gives a cell that never ran the shard's only machine, which says nothing of that machine.
             unrun = entry.verdict is Verdict.NOT_RUN and not entry.measured
             cell = msgspec.structs.replace(entry, machine=None) if unrun else entry
             of_machine = best.setdefault(cell.id, {})
@@ -112,6 +114,7 @@ def _dropped(documents: Iterable[Document], planned: set[str]) -> list[DroppedEn
         gone = [entry for entry in report.dropped if entry.id not in planned]
         orders |= {tuple(entry.id for entry in gone)} - {()}
         for entry in gone:
+            # min() takes the same entry in whatever order the reports come.
             entries[entry.id] = min(
                 entries.get(entry.id, entry), entry, key=lambda candidate: (candidate.reason, candidate.count)
             )
@@ -133,6 +136,7 @@ def _common(facts: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
 
 def _stale(documents: Iterable[Document], cells: Iterable[CellEntry], planned: set[str], today: str) -> tuple[str, ...]:
     """Return sentences about stale expectations: of the matrices, and of the merged cells, not as a shard saw them."""
+    # A sentence about a cell begins with its id. It is made anew, as another shard may have replaced the result.
     sentences = {text for made in documents for text in made.stale if text.partition(" ")[0] not in planned}
     of_cells = {outdated(cell.id, cell.verdict, cell.expectation, today) for cell in cells if cell.expectation}
     return tuple(sorted(sentences | {text for text in of_cells if text}, key=natural))
@@ -170,6 +174,7 @@ def _list_definitions(report: Document) -> Iterator[tuple[tuple[str, str], Any]]
             yield ("packages and cases", cell.id), cell.asked
         if cell.subject:
             yield ("state of the subject", cell.id), (cell.subject.commit, cell.subject.changed)
+        # A cell that was not run lists no cases, and this makes it no other question.
         if cell.cases:
             yield ("cases", cell.id), [(case.case, case.env, case.api) for case in cell.cases]
     yield from ((("axes", name), (matrix.axes, matrix.shown)) for name, matrix in report.matrices.items())
@@ -182,6 +187,7 @@ def _list_definitions(report: Document) -> Iterator[tuple[tuple[str, str], Any]]
 
 def token(path: str, content: str) -> str:
     """Return a token for a file or folder: its path without a mark, and the hash of its content."""
+    # An earlier merge may have added the mark. Without it, merging again gives the same names.
     return f"{MARK.sub('', path)}\0{content}"
 
 

@@ -32,8 +32,10 @@ CELLS, CONTENTS, LOGS = "cells.json", "cas", "evidence"
 MOST_PACK = 5_000_000
 """Bytes of one pack; the evidence of a report that needs more lies in several."""
 
+# A report may come from anybody: these limits bound what its pack makes us read and unpack.
 MOST_INDEX, MOST_UNPACKED, MOST_MEMBERS = 1 << 20, 2 << 30, 200_000
 MOST_FRAME = 4 << 20
+# No part begins with a dot, so no member can be `..` and leave the state folder.
 NAME = re.compile(rf"{CELLS}|{CONTENTS}/[0-9a-f]{{64}}|{LOGS}/\w[\w.+-]{{0,150}}/\w[\w.+-]{{0,150}}")
 FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9, "dict_size": 64 << 20}]
 """Cells of one report said the same in long stretches: the dictionary reaches over all of them."""
@@ -68,6 +70,7 @@ def write(packed: Packed, state: Path, folder: Path) -> dict[str, str]:
         name = PACK.format(f"-{number + 1}" if number else "")
         write_changed(folder / name, content)
         hashes[name] = sha256(content)
+    # An earlier report of more cells may have left packs that the index no longer names.
     for path in folder.glob(PACK.format("*")):
         if path.name not in hashes:
             path.unlink()
@@ -104,6 +107,7 @@ def _packs(packed: Packed, state: Path) -> Iterator[bytes]:
 
 def _bare(record: CellRecord) -> CellRecord:
     """Return a record without the results that were judged from its runs."""
+    # A case without runs keeps its phases: there is no evidence from which they could be judged again.
     cases = tuple(replace(one, phases=()) if one.runs else one for one in record.cases)
     tests = record.suite
     if tests and tests.runs:
@@ -141,6 +145,7 @@ def _archive(members: Mapping[str, bytes]) -> bytes:
     plain = io.BytesIO()
     with tarfile.open(fileobj=plain, mode="w", format=tarfile.USTAR_FORMAT) as archive:
         for name, content in sorted(members.items(), key=lambda pair: (pair[0] != CELLS, _kind(pair[1]), pair[0])):
+            # A bare TarInfo holds no time and no owner, so equal members make equal bytes.
             info = tarfile.TarInfo(name)
             info.size = len(content)
             archive.addfile(info, io.BytesIO(content))
@@ -178,6 +183,7 @@ def unpack(folder: Path, report_index: Index, state: Path) -> tuple[Packed, ...]
         vault.keep(guarded_files.read(path, MOST_FRAME))
     for path in sorted((folder / "locks").glob("*")):
         write_atomic(state / "locks" / path.name, guarded_files.read(path, MOST_FRAME))
+    # Runs are laid out last: their pictures come from `frames`, not from the packs.
     for packed in packs:
         for record in packed.records:
             for name in runs(record):
@@ -221,6 +227,7 @@ def _extract(content: bytes, state: Path) -> Packed:
 def members(content: bytes) -> Iterable[tuple[str, bytes]]:
     """Yield the members of an archive. Raises Unreadable for more or other members than a pack may have."""
     plain = lzma.LZMADecompressor(memlimit=1 << 30).decompress(content, MOST_UNPACKED)
+    # `r:` refuses a second compression inside, to which the limit above would not apply.
     with tarfile.open(fileobj=io.BytesIO(plain), mode="r:") as archive:
         for number, member in enumerate(archive):
             if number > MOST_MEMBERS or not member.isreg() or not NAME.fullmatch(member.name):

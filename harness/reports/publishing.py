@@ -108,8 +108,10 @@ def publish(
                 try:
                     report = making(locate=place(records, opened, folder))
                     shown = write(report, folder, wanted.pivot, plan.page)
+                    # A report in the state folder needs no pack, because its evidence lies in the same folder.
                     if wanted.out:
                         pack(report, plan, records, opened, folder)
+                    # The note comes last: it must not speak for a report that was written in part.
                     freshness.keep(note, made_of, folder)
                 except OSError as error:  # a full disk loses nobody the table of what was measured
                     trouble = in_the_way(error)
@@ -147,6 +149,7 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
                 print(f"report: {os.path.relpath(report.folder)}")
             for line in _suites_not_run(report.document):
                 print(line)
+    # A shard answers for its own cells only: those of the other shards are `not_run` in its report.
     code = document.exit_code(document.only(whole, measured) if wanted.alone else whole, wanted.fail_on)
     troubles = [one.trouble for one in reports if one.trouble]
     for trouble in troubles:
@@ -182,6 +185,7 @@ def write(report: Document, folder: Path, pivot: tuple[str, str] | None, words: 
     Files that only the last report named are deleted. `words` is the template of the page in words, `README.md`, if the
     matrix has one.
     """
+    # The sweep reads the report.json of the last time, so it comes before that file is overwritten.
     _sweep(folder, document.paths(report))
     store.write_atomic(folder / "report.json", document.encode(report))
     shown = tables.report(report, pivot)
@@ -264,7 +268,9 @@ def copy_file(source: str | Path, target: str | Path) -> bool:
         return False
     if S_ISDIR(there.st_mode):
         with os.scandir(source) as entries:
+            # Pictures stay out: a report names each frame by itself.
             texts = sorted(entry.name for entry in entries if entry.name.endswith((".jsonl", ".log", ".txt")))
+        # A list and not any(), which would stop after the first file that was copied.
         return bool([copy_file(f"{source}/{text}", f"{target}/{text}") for text in texts])
     if not _same(there, target):
         store.write_atomic(Path(target), Path(source).read_bytes())

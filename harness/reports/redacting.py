@@ -15,6 +15,9 @@ HIDDEN = "<redacted>"
 START = r"(?<![\w.$~>/:…-])"
 """Where a path of a machine's root begins, and no address or part of another path."""
 
+# The order matters: the rule for mail would take the end of a login in an address, and the rule for any folder
+# would cut off the part of a package's path that is alike everywhere. Four numbers alone may be a version
+# (opencv-python 4.11.0.86), so an address needs a port, a slash or a private range.
 RULES = (
     # secrets, wherever they stand
     (re.compile(r"(?i)\b([a-z][a-z0-9+.-]*://)[^\s/@:]+(?::[^\s/@]*)?@"), rf"\1{HIDDEN}@"),
@@ -48,6 +51,7 @@ def redacted(text: str, words: Mapping[str, str]) -> str:
     """Return the text without private data; `words` maps names of this machine to their replacements."""
     for pattern, instead in RULES:
         text = pattern.sub(instead, text)
+    # The longest comes first: a home folder goes as a whole before the user's name inside it.
     for word in sorted(filter(None, words), key=len, reverse=True):
         text = re.sub(rf"(?<![\w-]){re.escape(word)}(?![\w-])", words[word].replace("\\", r"\\"), text)
     return text

@@ -80,6 +80,8 @@ def _vector_of(library: str, check: str, seed: int, imports: list[str], make_lin
     kind = "SyncVectorEnv" if check == "vector.sync" else "AsyncVectorEnv"
     method = check.rpartition(".")[2]
     way = ", shared_memory=False" if method == "unshared" else f', context="{method}"' if method in METHODS else ""
+    # `imports` are given for robosuite alone, whose environments need its wrapper. The script's last guard is for
+    # workers that are spawned: they import the script again.
     return [
         f"import {library}",
         *imports,
@@ -113,6 +115,7 @@ def _version(installed: Mapping[str, str]) -> Version:
 
 def _dm_control(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) -> list[str] | None:
     domain, _, task = _named(case).partition("/")
+    # A colon that is left belongs to an environment that the matrix brings itself.
     if phase not in {Phase.SINGLE, Phase.RENDER} or not task or ":" in domain:
         return None
     lines = [

@@ -201,6 +201,7 @@ def _again(failing: Failing) -> Iterator[str]:
     assignments = [
         f"{name}={shlex.quote(_shown(name, value))}" for name, value in variables.items() if name != "DISPLAY"
     ]
+    # `DISPLAY` holds our own word (`machine.display`), which is no address of an X server.
     display = ["xvfb-run"] if variables.get("DISPLAY") == "virtual" else []
     if script is None:
         yield f"## To reproduce\n\n{commands}\n\n{NO_SCRIPT}"
@@ -218,6 +219,7 @@ def _install(failing: Failing) -> str:
     if failing.lock:
         return "uv pip install --python repro --require-hashes -r requirements.txt"
     question = failing.cell.question
+    # Without a lock, the index as it was at that instant is part of the failure.
     instant = question.snapshot or failing.instant
     words = ["uv", "pip", "install", "--python", "repro"]
     words += ["--exclude-newer", instant] if instant else []
@@ -276,6 +278,7 @@ def clean_traceback(traceback: str) -> str:
     for line in traceback.splitlines():
         if line.lstrip().startswith('File "'):
             ours = bool(OURS.match(line)) or (ours and bool(LIBRARY.match(line)))
+        # Source lines belong to the frame above them; the line of the error is indented less and always stays.
         elif not line.startswith("    "):
             ours = False
         if not ours:
@@ -285,6 +288,8 @@ def clean_traceback(traceback: str) -> str:
 
 def _around(logs: Sequence[str], decisive: str) -> Sequence[str]:
     """Return the lines of a log around the decisive line, or its last ones."""
+    # `packages.uv_command` turns on uv's DEBUG lines for our own use; upstream did not ask for them.
     lines = [line for text in logs for line in text.splitlines() if not line.startswith(("simmatrix:", "DEBUG "))]
+    # A decisive line may join several lines of the log, or be cut, so only its beginning is looked for.
     place = next((n for n, line in reversed([*enumerate(lines)]) if decisive and decisive[:60] in line), len(lines))
     return lines[max(place - BEFORE, 0) : place + AFTER]

@@ -110,6 +110,7 @@ class Bench:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        # `shutdown` waits for the preparation under way; without `stop` an interrupted search waits for its install.
         if error:
             process.stop()
         self._ahead.shutdown(cancel_futures=True)
@@ -131,6 +132,8 @@ class Bench:
         stored_record = None if again else self._controlled(runner).find_record(cell)
         if stored_record is None:
             self._within()
+            # `fresh`, because the setting `again` repeats failures only, and a flaky cell may have passed.
+            # A new runner, because within one runner no run is made a second time.
             runner = self._make_runner(replace(settings, fresh=True)) if again else runner
             self.observer.started(cell)
             record = self._controlled(runner).measure(cell)
@@ -161,6 +164,7 @@ class Bench:
     def has_environment(self, cell: Cell) -> bool:
         """Return whether the environment of a cell exists already, so that only its probes have to run."""
         interpreter = interpreters.find(cell.python)
+        # The question of a cell with a subject needs the wheel of that subject, which may have to be built first.
         if interpreter is None or cell.subject is not None:
             return False
         try:
@@ -168,6 +172,7 @@ class Bench:
         except steps.Unknown:
             return False
         environment = Pool(self._runner, cell, lock, interpreter).load_install() if lock else None
+        # The stored result of an install outlasts its environment, which `gc` may have removed.
         return (
             environment is not None
             and environment.key is not None

@@ -48,6 +48,7 @@ class Context:
         """Return the checks that are wanted of a case, with the digests of their programs."""
         wanted = wanted_of(case.checks, self.until)
         checks = [check for names in wanted.values() for check in names]
+        # Judging may ask for followers and REPEAT later: their runs count only if their digests are known here.
         names = (*checks, *followers_of(checks), REPEAT)
         digests = {name: program.digest(case.api, name) for name in names}
         return CasePlan(case=case, wanted=wanted, program=digests, verify=self.verify)
@@ -79,6 +80,7 @@ def _fold_runs(context: Context, case_plan: CasePlan, key: str) -> Folded:
     before = () if context.fresh else [name for name in vault.runs(key) if name not in mine]
     folded = fold(case_plan, vault.readings(before))
     folded = folded.reusable(context.laboratory.host.conditions, failed_too=not context.again)
+    # Added after `reusable`, which would drop a time-out of this process and have it measured a second time.
     return fold(case_plan, vault.readings(mine), folded)
 
 
@@ -94,6 +96,7 @@ def mark(context: Context, cases: Iterable[Case], lock: str | None) -> str:
     """
     case_keys = [(case.id, case.required, _case_inputs(case), _limits(case), case.checks) for case in cases]
     programs = [sorted(context.plan_case(case).program.items()) for case in cases]
+    # Conditions count, since failures hold only for the system that they were measured on (`Folded.reusable`).
     how = (context.verify, context.until, context.laboratory.host.conditions)
     return digest("cell", context.identity, lock, case_keys, programs, how, _judging())
 
@@ -101,6 +104,7 @@ def mark(context: Context, cases: Iterable[Case], lock: str | None) -> str:
 @cache
 def _judging() -> tuple[str, ...]:
     """Identify the judging code: its sources, and the declarations of adapters."""
+    # The declarations lie in files of `incell/`, which no judging module imports: the digests do not cover them.
     return *map(source_digests.digest, JUDGING), encode_declarations().decode()
 
 

@@ -121,6 +121,7 @@ def _environments(cache: Path) -> Iterator[Item]:
     for path, status in _folders(cache / "environments"):
         compiled = [place for place in [cache / "pycache" / path.name] if place.is_dir()]
         whole = (path / "stamp.json").is_file()
+        # `file_locks.use` sets the time of the folder at each use, so that it tells the last one.
         yield _item(Kind.ENVIRONMENT, path, *compiled, used=status.st_mtime, waste=not whole)
     for path, _ in _folders(cache / "pycache"):
         if not (cache / "environments" / path.name).is_dir():
@@ -131,6 +132,7 @@ def _cached(cache: Path) -> Iterator[Item]:
     kinds = {"wheels": Kind.WHEEL, "uv-builds": Kind.METADATA, "repositories": Kind.REPOSITORY, "brought": Kind.BROUGHT}
     for name, kind in kinds.items():
         for path, status in _folders(cache / name):
+            # `wheels/requests` stays: it says which build a request led to, and tells `_state` which logs to keep.
             if path.name != "requests":
                 yield _item(kind, path, used=status.st_mtime)
     if (cache / "uv").is_dir():
@@ -181,6 +183,7 @@ def _state(places: Places, now: float) -> Iterator[Item]:
                 yield _item(Kind.RECORD, path, used=path.stat().st_mtime)
             references |= names
     references |= {f"build-{path.stem}" for path in (places.cache / "wheels" / "requests").glob("*.txt")}
+    # The files of locks and the folders of runs have only 16 digits of a name (`Store.lock_file`, `folder_of`).
     starts = {name[:16] for name in references}
     for path in sorted((places.state / "locks").glob("*.txt")):
         if path.stem not in starts and now - path.stat().st_mtime > DAY:
@@ -274,6 +277,7 @@ def remove(item: Item, cache: Path) -> bool:
 
 def _removed_environment(item: Item, cache: Path) -> bool:
     path = item.paths[0]
+    # Whoever makes or withdraws this environment holds this lock (`environments.discard`).
     claim = file_locks.claim([path.with_name(f"{path.name}.lock")], wait=False)
     if claim is None:
         return False
@@ -288,6 +292,7 @@ def _removed_unused(item: Item, cache: Path) -> bool:
     with file_locks.unused(item.paths[0]) as free:
         if not _free(item, free):
             return False
+        # This scratch folder lies on the disk of the cache: across disks a rename fails.
         with uv_command.scratch() as aside:
             for number, path in enumerate(item.paths):
                 with suppress(FileNotFoundError):

@@ -120,10 +120,12 @@ def _text(path: Path) -> str:
 
 def find_controls(record: CellRecord) -> dict[str, Cell | str]:
     """Return the control, as a cell, of each adapter with a failure after the install; or why there is none."""
+    # A case with `required` may fail by a finding alone, which only `assess` counts.
     if not any(case.api and (case.required or _fails(case.phases)) for case in record.cases):
         return {}
     if record.installed is None or record.cell.matrix == MATRIX or unregistered(record) or folder() is None:
         return {}
+    # `assess` counts a failure that a control shares as infra: the record would no longer ask for that control.
     plain = replace(record, controls={}) if record.controls else record
     failing = (case.record.api for case in assess(plain).cases if case.record.api and _fails(case.phases))
     return {api: find_control(api, record.installed) for api in dict.fromkeys(failing)}
@@ -168,6 +170,7 @@ def _covers(text: str | None, installed: Mapping[str, str]) -> bool:
 @cache
 def _cell(place: Path, name: str) -> Cell:
     table = next(one for one in read(place).control if one.id == name)
+    # The question asks for the versions of the lock; `requirements` only say what that was made of.
     pins = tuple(f"{name}=={version}" for name, (version, _) in _lock(place, table.id).items())
     case = Case(
         id=str(table.id),

@@ -14,6 +14,7 @@ from harness.running.signature_files import files
 
 def load() -> tuple[Issue, ...]:
     """Return all known issues, without their cells. Raises BadInput."""
+    # The two source files count, too: another version may word the same signatures otherwise.
     marks = [
         (str(path), path.stat().st_mtime_ns, path.stat().st_size)
         for path in (*files(), Path(__file__), Path(known_issues.__file__))

@@ -39,6 +39,7 @@ def write(path: Path, handed: MeasuredLock, *, offline: bool = False) -> str:
     """
     folder = path.with_name(path.stem + WHEELS)
     patched = _patched(handed.lock)
+    # Wheels before the lock: where one cannot be made, no lock is written that needs it.
     for repair in patched:
         wheel = overlays.wheel(repair, NOTHING, offline=offline)
         if isinstance(wheel, Step):

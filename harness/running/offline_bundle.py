@@ -175,6 +175,7 @@ class Fetched:
             raise BadInput(message)
         entry = by_name[stem]
         try:
+            # The files beside the matrix are compared here as well: planning reads them by path and knows no hashes.
             path, *_ = [self.sound(file) for file in (entry.file, *entry.beside)]
         except Changed as error:
             raise BadInput(str(error)) from None
@@ -245,6 +246,7 @@ class Fetched:
                     builds.adopt(pin, interpreter, cell.question, built[pin.name].key, wheel)
                 else:
                     wheel = self.sound(Path(pin.artifact.source).relative_to(self.folder).as_posix())
+                # `open_folder` compares the architecture only; whether the C library is new enough shows in the tags.
                 if locks.rank(wheel.name, interpreter)[0] == locks.UNRANKED:
                     message = f"{wheel.name} does not fit this machine (its C library is older?); fetch on its like"
                     raise Changed(message)
@@ -306,6 +308,7 @@ def unpack(archive: Path, request: str) -> Interpreter | None:
         if not folder.exists():
             making = Path(mkdtemp(dir=folder.parent, prefix=".making-"))
             try:
+                # The filter refuses members that lie outside: a bundle may be somebody else's (docs/threat-model.md).
                 with tarfile.open(archive) as tar:
                     tar.extractall(making, filter="data")
                 (making / folder.name).rename(folder)

@@ -52,6 +52,7 @@ def load_intact(folder: Path) -> Manifest | None:
 
     Files that are no longer as they were fetched are removed.
     """
+    # Left by a fetch that was killed. No other one runs now: `commands/fetch.py` holds the lock of the folder.
     for leftover in folder.glob("wheels/*/tmp*"):
         leftover.unlink()
     if not (folder / offline_bundle.MANIFEST).exists():
@@ -186,6 +187,7 @@ class Collector:
         reason = step.decisive if step else None
         if step is None or step.outcome not in {Outcome.FAILED, Outcome.UNAVAILABLE}:
             return msgspec.structs.replace(entry, decisive=reason, complete=False)
+        # The log and the conditions of this machine mean nothing on another one.
         answer = self._write(entry, Answer(step=replace(step, log=None, conditions=None, reused=False)))
         return msgspec.structs.replace(entry, decisive=reason, answer=answer)
 

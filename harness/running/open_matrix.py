@@ -77,6 +77,7 @@ def gather(
     matrix = matrix_file.read(_text(path), str(path))
     if matrix_remedies.named(matrix):
         matrix = matrix_remedies.fill(matrix, shipped_signatures.load_all())
+    # Both are UTC in one form, in which texts sort as instants do (`Instant.canonical`).
     if matrix.snapshot and str(matrix.snapshot) > now():
         say(f"{path}: snapshot: {matrix.snapshot} is still to come; these locks miss what is uploaded until then")
     expansion = _expansion(matrix, path, say, offline=offline, renew=renew)
@@ -106,6 +107,7 @@ def set_instant(
     if all(cell.question.snapshot for cell in planned.cells):
         return planned
     fetched_instant = fetched.instant(planned.matrix) if fetched else None
+    # A fetched folder answers only questions as of its own instant (`offline_bundle.question_mark`).
     instant = fetched_instant or store.instant(planned.matrix, renew=renew)
     return as_of(planned, instant)
 
@@ -189,6 +191,7 @@ def _chosen(sources: plan.Sources, expansion: Expansion, ask: plan.Ask, say: Cal
     """Write and return the expansion with the combinations that a covering strategy chose of those that resolve."""
 
     def ask_settled(cells: Sequence[Cell]) -> list[str | None]:
+        # Resolving builds the subject, and a build is kept by the state of its source.
         return ask(_with_subjects(Plan(matrix=sources.matrix.name, cells=tuple(cells)), _settled).cells)
 
     file = _expanded(Path(sources.matrix.path))
@@ -244,6 +247,7 @@ def _with_subjects(planned: Plan, change: Callable[[Subject], Subject]) -> Plan:
 
 def _with_questions(planned: Plan, change: Callable[[Question], Question]) -> Plan:
     """Return the plan with each question changed; equal questions stay one object."""
+    # By identity: questions hold mappings and cannot be hashed.
     distinct = {id(cell.question): cell.question for cell in planned.cells}
     replacements = {key: change(question) for key, question in distinct.items()}
     return replace(

@@ -130,6 +130,7 @@ class Bench:
                 source = package_under_test.copy_source(self.subject, scratch / "source")
             except CouldNotTell as error:
                 host = replace(self.host, source=str(error))
+                # Kept as a run, too: judging makes infra of `source`, which the next run measures again.
                 return self._store_run(request, key, End(), host, {})
             remove_modules(source, self.package)
             end, host, texts = self._ran(request.limits[CHECK], scratch, source, left)
@@ -151,6 +152,7 @@ class Bench:
 
         texts = {name: HOST.sub("", _text(left, name)) for name in (LOG, JUNIT, MODULES)}
         end = end_of(completed, clean, lost=lost)
+        # Only a failure is excused by an environment that was changed, and looking through its files takes time.
         stood = completed.exit_code == 0 or site.stands()
         cleaned = {name: clean(text).encode() for name, text in texts.items() if text}
         return end, replace(self.host, stood=stood), cleaned
@@ -232,6 +234,7 @@ def remove_modules(source: Path, package: SubjectWheel) -> None:
 def _holding(source: Path, wheel: Path) -> list[Path]:
     """Return the folders of the copy that hold most of the wheel's modules unchanged, wherever these are kept."""
     with zipfile.ZipFile(wheel) as archive:
+        # A zip lists size and CRC of its files: nothing is unpacked. Empty files match anywhere, and so prove nothing.
         packed = {
             info.filename: (info.file_size, info.CRC)
             for info in archive.infolist()

@@ -39,6 +39,7 @@ class Shard:
         if match is None:
             message = f"{text!r} is no shard; write I/N, which one of how many, as in 2/4"
             raise ValueError(message)
+        # The length is looked at before int(), which Python refuses for thousands of digits.
         if max(map(len, match.groups())) > len(str(MOST)) or int(match[2]) > MOST:
             message = f"{text[:40]!r}: there are at most {MOST:,} shards"
             raise ValueError(message)
@@ -71,6 +72,7 @@ def split(cells: Sequence[Cell], count: int, seconds: Mapping[str, float]) -> tu
     measured_seconds = [seconds[cell.id] for cell in cells if cell.id in seconds]
     usual = median(measured_seconds) if measured_seconds else ALONE
     cost = [seconds.get(cell.id, usual) for cell in cells]
+    # Unlike a plain sum of floats, fsum does not depend on the order of the cells.
     fair = fsum(cost) / count
     groups = [part for group in _groups(cells) for part in _parts(group, cost, fair)]
     groups.sort(key=lambda group: (-sum(cost[place] for place in group), cells[group[0]].id))
@@ -86,6 +88,7 @@ def split(cells: Sequence[Cell], count: int, seconds: Mapping[str, float]) -> tu
 
 def _groups(cells: Sequence[Cell]) -> Iterable[list[int]]:
     """Return the places of cells, grouped by the same question and Python."""
+    # By value, since each machine has its own objects; once for each object, since many cells share one.
     marks: dict[int, bytes] = {}
     groups: dict[tuple[bytes, str], list[int]] = {}
     for place in sorted(range(len(cells)), key=lambda place: cells[place].id):
@@ -102,6 +105,7 @@ def _parts(group: list[int], cost: Sequence[float], fair: float) -> Iterable[lis
     part: list[int] = []
     load = 0.0
     for place in group:
+        # The margin is for rounding: a sum that equals the fair part may come out a little larger.
         if part and load + cost[place] > fair * (1 + 1e-9):
             yield part
             part, load = [], 0.0

@@ -20,6 +20,7 @@ from harness.running.signature_files import VARIABLE, folder
 
 HEAD, TAIL = 16_000, 48_000
 """Characters of a kept text that are looked at; of a longer one its middle is left out."""
+# Signatures have to write these two lines exactly so; tests/unit/standalone/test_silent.py checks that they do.
 HEAD_LINE = re.compile(r"^\[\[signature\]\]$", re.MULTILINE)
 SILENT = re.compile(r"^silent = true$", re.MULTILINE)
 TEXT_SUFFIXES = (".log", ".txt", ".jsonl")
@@ -48,6 +49,7 @@ def silent() -> tuple[Signature, ...]:
 @cache
 def _read_silent(place: Path) -> tuple[Signature, ...]:
     texts = {path.name: _text(path) for path in sorted(place.glob("*.toml"))}
+    # Cut out as text: to check the patterns of all signatures takes long, and few are silent.
     blocks = {name: [one for one in HEAD_LINE.split(text)[1:] if SILENT.search(one)] for name, text in texts.items()}
     return signatures.read(
         {name: "".join(f"[[signature]]{one}" for one in found) for name, found in blocks.items() if found}

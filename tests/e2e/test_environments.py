@@ -538,8 +538,8 @@ class TestTrouble:
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
         """A package of the lock that is missing after a successful install says nothing about packages."""
-        only_one = environments.locks.to_install
-        monkeypatch.setattr(environments.locks, "to_install", lambda wheels: only_one(list(wheels)[:1]))
+        only_one = environments.locks.format_pylock
+        monkeypatch.setattr(environments.locks, "format_pylock", lambda wheels: only_one(list(wheels)[:1]))
 
         assert expect_failure(ensure(lock("fake-needs-plain"))) == (
             Phase.INSTALL,

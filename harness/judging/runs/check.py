@@ -77,6 +77,7 @@ def ending_of(reading: Reading) -> Ending:
     end, memory = reading.run.end, reading.run.request.memory_mb
     overran = STARTUP_SECONDS if end.timed_out else end.overran
     limit = f"needs more than the {memory} MB that its case allows; `memory_mb` of the case raises that"
+    # Past a limit `killed` only repeats that limit; with `out_of_memory` it says that the whole machine had none left.
     trouble = end.killed if overran is None or end.out_of_memory else None
     return Ending(
         exit_code=end.exit_code,
@@ -184,6 +185,7 @@ def _judge_failure(reply: CheckReply, undrawable: Mapping[str, str]) -> Ruling:
     way = _drawing(reply)
     if way is not None and way in undrawable:
         return Outcome.UNAVAILABLE, f"{undrawable[way]} ({line})", mask
+    # An exception without an observation of ours is a failure to measure, and shows nothing of the case.
     if reply.check in MISLEADING and reply.raised and not reply.observed:
         return Outcome.NOT_REACHED, f"could not be measured: {line}", mask
     return Outcome.FAILED, decisive, mask
@@ -204,6 +206,7 @@ def _shortage(reply: CheckReply, decisive: str, ending: Ending) -> str | None:
     text = f"{reply.raised.message}\n{reply.raised.traceback}" if reply.raised else ending.stacks
     if not ending.shares_memory and SHARED_MEMORY.search(text):
         return f"this machine has no /dev/shm that can be written to: {decisive}"
+    # Where the process says how it died, a shortage that it printed before is no reason: a SIGSEGV stays one.
     silent = decisive.endswith(decisive_line.SILENT)
     trouble = MACHINE_TROUBLE.search(ending.stacks if silent else decisive)
     if not trouble or (trouble[0] in FULL and _is_false_claim(reply, ending)):
@@ -215,6 +218,7 @@ def _is_false_claim(reply: CheckReply, ending: Ending) -> bool:
     """Return whether a package only claims that a disk is full: none was, and no system call said so."""
     if not reply.raised or reply.workers or (ending.least_room_mb or 0) < ROOMY_MB:
         return False
+    # `rrno` finds Python's `[Errno 28]` as well as the `errno 28` of other libraries.
     return not reply.raised.type.endswith(("OSError", "IOError")) and "rrno" not in reply.raised.message
 
 
@@ -231,6 +235,7 @@ def _drawing(reply: CheckReply) -> str | None:
     traceback = reply.raised.traceback if reply.raised else ""
     facts = reply.facts if phase_of(reply.check) is Phase.RENDER else {}
     loaded = _drawing_modules() & {*facts.get("loaded", ())}
+    # pyglet needs a display; where another library is loaded beside it, that one may have drawn.
     if PYGLET_CODE.search(traceback) or loaded == {"pyglet"}:
         return "pyglet"
     return "" if facts.get("gl") or loaded or _drawing_code().search(traceback) else None
@@ -260,6 +265,7 @@ def _draws(reply: CheckReply, ending: Ending) -> bool:
 def _judge_death(reply: CheckReply, ending: Ending) -> Ruling:
     """Return the outcome of a check that started and never ended: its process died, or was ended."""
     child, mask = decisive_line.decisive_of_check(reply)
+    # Trouble stands first: a run that was interrupted may be past its limit as well.
     if ending.trouble:
         return Outcome.INFRA, ending.trouble, None
     if ending.overran is not None:

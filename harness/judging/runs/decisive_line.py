@@ -85,6 +85,7 @@ def _worker_line(workers: Iterable[WorkerRecord], *, echo: bool) -> str | None:
     raised = [worker.raised for worker in records if worker.raised and not _is_mask(worker.raised)]
     if raised:
         return exception_line(raised[0])
+    # After an exception of its own a parent may kill what it started: that death is no reason then.
     by_parent = {-signal.SIGTERM} if echo else {-signal.SIGTERM, -signal.SIGKILL}
     dead = [worker for worker in records if worker.exit_code and worker.exit_code not in by_parent]
     for worker in sorted(dead, key=lambda worker: (worker.exit_code or 0) > 0):

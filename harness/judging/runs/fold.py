@@ -123,6 +123,7 @@ class Folded:
         ended = {check: one for check, one in self.ended.items() if holds(one)}
         gone = (self.ended.keys() - ended.keys()) | self.missed
         followed = {check: run for check, run in self.followed.items() if not {check, wire.leader_of(check)} & gone}
+        # `overran`, `shot` and `missed` are left behind: the next run of the program may try each once more.
         return Folded(ended=ended, followed=followed, findings=self.findings, runs=self.runs)
 
 
@@ -138,6 +139,7 @@ def add_run(case_plan: CasePlan, folded: Folded, reading: Reading) -> Folded:
     """Add one more run to the results so far."""
     request, judge = reading.run.request, _RunJudge(case_plan, folded, reading)
     current = {check for check, digest in reading.run.program.items() if digest == case_plan.program.get(check)}
+    # `--verify` wants a process for each check, so a run that shared one proves nothing to it.
     if not current or (case_plan.verify and len(request.limits) > 1):
         return folded
     folded = replace(folded, again=None, runs=(*folded.runs, reading.name))
@@ -155,6 +157,7 @@ def add_run(case_plan: CasePlan, folded: Folded, reading: Reading) -> Folded:
     counting = current - request.limits.keys() if request.leads else current
     followers = [check for check in request.followers if check in counting]
     missed = {check for check in followers if not passed(ended.get(wire.leader_of(check)))}
+    # A leading run stands for what it missed, too, or `todo` would ask for it for ever; `reusable` drops that again.
     followed = dict.fromkeys(followers if request.leads else set(followers) - missed, reading.name)
     ended = {check: one for check, one in ended.items() if check in counting}
     overran = {check for check, one in ended.items() if one.record.outcome is Outcome.TIMED_OUT} - folded.overran
@@ -245,6 +248,7 @@ class _RunJudge:
 
     def findings(self) -> tuple[tuple[str | None, Finding], ...]:
         """Return all that the run found besides how its checks ended, each with the check that it was made during."""
+        # This run only gives a trajectory to compare; the first run of the loop made the findings.
         if REPEAT in self.reading.run.request.limits:
             return ()
         end, reply = self.reading.run.end, self.reading.reply

@@ -39,6 +39,7 @@ class Report:
     def read(cls, junit: str) -> Report:
         """Read a JUnit report. Files of a run are not trusted: a report that is no plain XML counts as none."""
         try:
+            # A document type may declare entities that grow without end, and pytest writes none.
             root = ElementTree.fromstring(junit) if junit and "<!DOCTYPE" not in junit else None
         except ElementTree.ParseError:
             root = None

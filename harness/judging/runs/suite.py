@@ -81,6 +81,7 @@ def todo(suite: Suite, folded: Folded, *, verify: bool) -> Request | None:
     ended = folded.ended
     if ended is None:
         return Request(suite=suite, limits={CHECK: suite.seconds * (2 if folded.overran else 1)})
+    # A suite that ends by its time limit has met it twice already: `add_run` does not count the first time.
     again = len(ended.passed_again) < RUNS_TO_CONFIRM - 1 and ended.outcome is not Outcome.TIMED_OUT
     if verify and again and ended.outcome in FAILING:
         return Request(suite=suite, limits={CHECK: 2 * suite.seconds}, confirms=True)

@@ -66,6 +66,7 @@ def _comparison(case_plan: CasePlan, folded: Folded) -> Request | None:
     loop = folded.ended.get(LOOP)
     if loop is None or loop.record.outcome is not Outcome.PASSED or LOOP not in case_plan.checks:
         return None
+    # It can only make a finding, so a second process that hung or was killed is not tried again.
     if REPEAT in folded.ended or REPEAT in folded.overran | folded.shot:
         return None
     return Request(case=case_plan.case, limits={REPEAT: 2 * case_plan.seconds(LOOP)})

@@ -52,6 +52,7 @@ class Claim:
 def claim(paths: list[Path], *, wait: bool) -> Claim | None:
     """Hold all of these lock files, or none; return None if somebody holds one of them and nobody waits for it."""
     held: list[BaseFileLock] = []
+    # Everybody takes locks in one order, so two processes that wait for several never hold each other up.
     for path in sorted(paths):
         lock = _acquired(path, wait=wait)
         if lock is None:
@@ -77,6 +78,7 @@ def use(folder: Path) -> None:
             create_flag = (
                 0 if marks.exists() else os.O_CREAT
             )  # which a shared folder may refuse though the file is there
+            # The file stays open for good: closing any descriptor of it would drop every mark of this process.
             _marks[marks] = _opened(marks, create_flag)
         fcntl.lockf(_marks[marks], fcntl.LOCK_SH, 1, _byte(folder))
     with suppress(OSError):
@@ -92,6 +94,7 @@ def alone(folder: Path) -> Iterator[bool]:
     """
     use(folder)
     descriptor, free = _marks.get(folder.parent / "in-use", -1), False
+    # The kernel's lock is the process's: `_marking` holds off other threads, whose `use` would make it shared again.
     with _marking:
         with suppress(OSError, ValueError):
             fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _byte(folder))
@@ -133,6 +136,7 @@ def _opened(marks: Path, create_flag: int) -> int:
 
 
 def _byte(folder: Path) -> int:
+    # 60 bits fit into the offset of a lock. The file stays empty: a lock may lie beyond its end.
     return int(sha256(folder.name.encode()).hexdigest()[:15], 16)
 
 

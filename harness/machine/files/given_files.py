@@ -43,12 +43,14 @@ def read_content(path: Path, where: str = "", largest: int = LARGEST_DOCUMENT) -
 def write_text(path: Path, text: str) -> None:
     """Write a file that the user names, whole or not at all; into a pipe or a device as it is. Raises BadInput."""
     try:
+        # A rename would put a plain file in the place of a device, even of /dev/null where root writes.
         if path.exists() and not path.is_file():
             with path.open("w", encoding="utf-8") as file:  # a folder raises here
                 file.write(text)
         else:
             write_atomic(path, text.encode())
     except (OSError, ValueError) as error:
+        # A full disk is no mistake of the user's: the command line gives it an exit code of its own.
         if isinstance(error, OSError) and error.errno in SHORTAGES:
             raise
         message = f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}"

@@ -130,6 +130,7 @@ def _content(descriptor: int, start: int, most: int) -> bytes:
     at = start if start >= 0 else max(0, about.st_size + start)
     pieces = []
     while most > 0:
+        # The read asks for one byte more than is there: a short piece then shows the end without another read.
         size = min(most, max(about.st_size - at + 1, 1 << 12), PIECE)
         piece = os.pread(descriptor, size, at)
         pieces.append(piece)

@@ -66,6 +66,7 @@ def _empty(here: int) -> None:
 
 
 def _opened(name: str, folder: int) -> int:
+    # A probe may leave folders without permissions, which an ordinary user could not open.
     os.chmod(name, 0o700, dir_fd=folder)
     return os.open(name, FOLDER, dir_fd=folder)
 

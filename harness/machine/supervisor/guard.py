@@ -62,6 +62,7 @@ def guard(order: dict[str, Any], early: bytes) -> bytes:
         try:
             write_all(report, marshal.dumps(keep(order, early, parent)))
         except BaseException:
+            # The child must never return into the code of the guard: every exception ends here, and the log shows it.
             sys.excepthook(*sys.exc_info())
         finally:
             os._exit(0)

@@ -26,6 +26,7 @@ class Memory:
 
         The exact sum is taken twice: while processes start or end, their shares of a page do not add up to one.
         """
+        # A file in memory that nobody maps is in no resident memory, only in the shared memory of the machine.
         resident, shared = sum(descendants().values()), shared_pages()
         self.peak = max(self.peak, resident)
         self.least_shared = min(self.least_shared, shared)
@@ -41,6 +42,7 @@ class Memory:
             held, shared = proportional(pid, resident)
             own, mapped = own + held, mapped + shared
             files.update(in_memory(pid, private=self.private))
+        # Shared pages and files in memory are mostly the same pages, so the larger sum counts, not both.
         return own + max(mapped, sum(files.values()) + (used("/dev/shm") if self.private else 0))
 
     def kills(self) -> int:
@@ -73,6 +75,7 @@ class Group:
         while folder.startswith(base):
             for line in lines(f"{folder}/{names[0]}"):
                 limit = int(line) if line.strip().isdigit() else 0
+                # Version 1 of control groups writes a huge number where there is no limit.
                 if 0 < limit < 1 << 60 and (not self.limit or limit < self.limit):
                     self.limit = limit
             for line in lines(f"{folder}/{names[1]}"):

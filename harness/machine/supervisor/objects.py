@@ -36,6 +36,7 @@ def remove(ours: Callable[[int], bool], before: set[tuple[str, int]]) -> None:
             number = row[column]
             if (kind, number) not in before:
                 pids = (*(row[user] for user in users), *last_user(kind, number))
+                # A queue that nobody has used names process 0. Nobody can tell whose it is, so it stays.
                 if any(pid > 0 and ours(pid) for pid in pids):
                     discard(kind, number)
 

@@ -50,6 +50,7 @@ def ready_gpu() -> None:
 def confine(apart: bool) -> None:
     """Give up the rights that the command is not to have, for ever; `apart` where it has no processes of its own."""
     prctl(PR_SET_NO_NEW_PRIVS, 1)
+    # The bounding set comes before `drop_now`, which gives up CAP_SETPCAP: without it nothing can be dropped there.
     for capability in range(CAPABILITIES):
         if not CAPABILITY_MASK >> capability & 1:
             try:
@@ -67,6 +68,7 @@ def tolerated(step: Callable[[], object]) -> None:
     try:
         step()
     except (OSError, AttributeError):
+        # An AttributeError means a C library without this function.
         return
 
 

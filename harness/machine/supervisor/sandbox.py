@@ -55,11 +55,13 @@ def enter_namespaces(order: dict[str, Any]) -> None:
     flags |= 0 if shares_objects(order) else CLONE_NEWIPC
     if not flags:
         return
+    # The ids are read before the call: in a new user namespace everybody is nobody until the maps are written.
     user, group = os.geteuid(), os.getegid()
     try:
         call("unshare", flags)
     except PermissionError:
         call("unshare", flags | CLONE_NEWUSER)
+        # The order matters: the kernel takes no gid_map of an ordinary user before setgroups is denied.
         for name, text in (("setgroups", "deny"), ("uid_map", f"{user} {user} 1"), ("gid_map", f"{group} {group} 1")):
             with open(f"/proc/self/{name}", "w") as file:
                 file.write(text)
@@ -71,6 +73,7 @@ class Layer:
     def __init__(self, folder: str, scratch: str) -> None:
         self.folder, self.scratch = folder, scratch
         self.upper, self.work = f"{scratch}/upper", f"{scratch}/work"
+        # The folder is opened before the overlay covers it: later no path leads below the overlay.
         self.lower = os.open(folder, os.O_PATH | os.O_DIRECTORY)
         os.makedirs(scratch)
         self.in_memory = False
@@ -98,6 +101,8 @@ class Layer:
         for parent, folders, files in os.walk(self.upper):
             base = os.path.relpath(parent, self.upper)
             folders[:] = sorted(set(folders) - {"__pycache__"})
+            # A removed path is a device in the upper layer, which `os.walk` lists among the files.
+            # A folder that existed lies there only because something inside it changed.
             for name in sorted(set(files) - {"__pycache__"}) + folders:
                 path = os.path.normpath(os.path.join(base, name))
                 if name in files or not self.existed(path):
@@ -149,6 +154,7 @@ def furnish(order: dict[str, Any]) -> list[Layer]:
     process, _, seal = order["sandbox"].partition("+")
     if not seal:
         return []
+    # Many systems share their mounts: without this, ours would appear on the machine itself.
     mount("none", "/", None, MS_REC | MS_PRIVATE)
     if process == "pid":
         mount("proc", "/proc", "proc", MS_NOSUID | MS_NODEV | MS_NOEXEC)
@@ -177,6 +183,8 @@ def shield(folders: list[str], open_folders: list[tuple[str, int]]) -> None:
 def read_only(folder: str) -> None:
     """Mount a folder over itself, so that nothing can be written to it."""
     mount(folder, folder, None, MS_BIND | MS_REC)
+    # A bind mount becomes read-only only by a second call. In a user namespace the kernel refuses that call if it
+    # drops flags that the mount had.
     flags = os.statvfs(folder).f_flag & (MS_NOSUID | MS_NODEV | MS_NOEXEC | MS_NOATIME | MS_NODIRATIME)
     mount("none", folder, None, MS_REMOUNT | MS_BIND | MS_RDONLY | flags)
 

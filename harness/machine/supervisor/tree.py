@@ -40,6 +40,7 @@ def processes() -> dict[int, list[tuple[int, int | None]]]:
     for name in filter(str.isdigit, os.listdir("/proc")):
         try:
             with open(f"/proc/{name}/stat", "rb") as file:
+                # The name of the program comes before, in parentheses, and may hold blanks and parentheses itself.
                 fields = file.read().rpartition(b")")[2].split()
         except OSError:
             continue
@@ -68,6 +69,7 @@ def reap(ended: dict[int, int]) -> None:
             return
         if not pid:
             return
+        # The kernel uses numbers again: the first end under the command's number is the command's.
         ended.setdefault(pid, status)
 
 
@@ -75,6 +77,7 @@ def end_all(ended: dict[int, int]) -> int:
     """Kill until nothing is left below this process; return how many were killed. Raises SupervisorError after 5 s."""
     killed: set[int] = set()
     patience = time.monotonic() + STUCK
+    # A process can fork between the look and its signal, so both are repeated until nothing is left.
     while left := descendants():
         if time.monotonic() > patience:
             message = f"{len(left)} processes cannot be ended"

@@ -39,6 +39,7 @@ def spawn(order: dict[str, Any], output: int) -> int:
         finally:
             os._exit(127)
     os.close(trouble)
+    # The pipe closes at exec, so an end without a message means that the command has started.
     with open(reader, "rb") as file:
         message = file.read().decode()
     if message:
@@ -138,11 +139,13 @@ class Watch:
         """Watch until the end, leave nothing behind, and say what happened."""
         if early:
             self.obey(early)
+        # The end of the output is not waited for: a daemon may hold the pipe open.
         while self.pid not in self.ended:
             self.wait()
             reap(self.ended)
             self.look()
         seconds = time.monotonic() - self.started
+        # Strays end before the output is drained: one that prints without end would keep `drain` busy for ever.
         stray = self.clear()
         self.drain()
         self.log.close()
@@ -150,6 +153,8 @@ class Watch:
         code = os.waitstatus_to_exitcode(self.ended[self.pid])
         largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss << 10  # of one that ended between two looks
         starved = self.memory.kills()
+        # SIGKILL does not name its sender. If the kernel ended a process for want of memory meanwhile, it may have
+        # been this one, and then the command is not to blame.
         if code == -signal.SIGKILL and not self.ending() and starved:
             self.out_of_memory, self.killed = True, self.memory.shortage()
         return {
@@ -209,11 +214,13 @@ class Watch:
             if self.swept and not self.apart:
                 self.seen.update(descendants())
             after = time.monotonic()
+            # A look reads all of /proc: on a busy machine looks become rarer, and take a twentieth of the time at most.
             self.next_look = after + max(LOOK, 20 * (after - now))
 
     def terminate(self) -> None:
         """Ask the command to end, and be ready to insist."""
         self.deadline = float("inf")
+        # A second order does not put SIGKILL off.
         self.last_chance = min(self.last_chance, time.monotonic() + GRACE)
         if self.pid not in self.ended:
             os.kill(self.pid, signal.SIGTERM)
@@ -256,6 +263,7 @@ def room(folder: str) -> int:
     try:
         disk = os.statvfs(folder)
     except OSError:
+        # A HOST command has no home, and a probe may remove its own: then no shortage is seen.
         return 1 << 40
     return disk.f_bavail * disk.f_frsize >> 20
 
@@ -264,6 +272,7 @@ def wakeup_on_child() -> int:
     """Return a descriptor that can be read when a child has ended."""
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
+    # Python writes to the descriptor only for signals that have a handler, so there is one that does nothing.
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
     return reader

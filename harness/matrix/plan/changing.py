@@ -59,6 +59,7 @@ class Changing:
         choice = self.choices[index]
         change = self.contents.change(choice, table, combination)
         around = self.contents.surroundings((*combination, choice))
+        # `environment` is left to `apply`, which adds it last: a change wins over a variable axis, too.
         surrounded = replace(
             cell,
             needs=around.needs,

@@ -12,6 +12,7 @@ from harness.model.schema import locate_errors
 from harness.model.vocabulary import HOST, NONE, UNSET, Kind, Label, When, alternatives, matcher
 
 
+# Compared by identity (`eq=False`): its tables hold dictionaries, so that they have no hash by value.
 @dataclass(frozen=True, kw_only=True, slots=True, eq=False)
 class Choice:
     """One value of one axis. `literal` is how the file writes it, `text` how cells name it, `label` its part of ids."""

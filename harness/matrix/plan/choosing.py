@@ -48,8 +48,10 @@ class _Search:
         self.ask = ask
         self.resolved: set[Row] = set()
         self.found: dict[tuple[Choice, ...], str] = {}
+        # A constraint may hold for one value of such an axis only: then a failure speaks of that value alone.
         ruling = _ruling(candidates.matrix)
         apart = {name: choices for name, choices in candidates.axes.items() if name not in ruling}
+        # An axis counts with all its values only: one that adds nothing may stand beside one that mends the failure.
         self.weightless = {name for name, choices in apart.items() if all(map(_is_weightless, choices))}
         self.free = [name for name, choices in apart.items() if all(map(_is_pin, choices))]
         if any(choice.text == ABSENT for choices in candidates.axes.values() for choice in choices):
@@ -64,6 +66,7 @@ class _Search:
         while True:
             allowed = [row for row in allowed if not self._unresolvable(row)]
             given = [row for row in named if not self._unresolvable(row)]
+            # Rows that resolved are preferred: each other one costs a question to the resolver.
             rows = covering(allowed, ways, given=given, preferred=sorted(self.resolved - set(named)))
             if not (new := [row for row in rows if row not in self.resolved]):
                 return sorted(set(rows) - set(named))
@@ -131,6 +134,7 @@ def _ruling(matrix: Matrix) -> set[str]:
 
 def _is_pin(choice: Choice) -> bool:
     """Return whether a value is only a pin, so that what fails without it fails with any. Pre-releases are not."""
+    # A pre-release is let in by its own pin, so without that something else is asked.
     is_version = choice.kind is Kind.PACKAGE and choice.text != ABSENT and choice.changes is NO_CHANGES
     return is_version and not Version(choice.text).is_prerelease
 

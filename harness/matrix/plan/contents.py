@@ -116,6 +116,7 @@ class Contents:
 
     def question(self, combination: Combination) -> Question:
         """Return the question to resolve; environment variables do not affect it."""
+        # Extras and groups are of the subject, which no lock holds.
         key = tuple(choice for choice in combination if choice.kind not in {Kind.VARIABLE, *OF_SUBJECT})
         if key not in self.questions:
             self.questions[key] = self._question(combination)
@@ -173,6 +174,7 @@ class Contents:
         parts = self._parts(combination)
         existing = tuple(case for part in parts for case, when in part.cases if when.holds(combination))
         existing = tuple(self._speaking(case, combination) if case.env and not case.api else case for case in existing)
+        # Cases hold dictionaries and have no hash; `parts` and `spoken` keep them alive, so no identity is used twice.
         key = tuple(map(id, existing))
         if key not in self.known_cases:
             self._check_distinct(existing)

@@ -27,6 +27,7 @@ def covering(
 
     if not allowed:
         return []
+    # Sets of rows are bits of one integer, and -1 has every row: covertable asks for each value that it tries.
     having: dict[tuple[int, int], int] = {}
     for number, row in enumerate(allowed):
         for place in enumerate(row):
@@ -37,6 +38,7 @@ def covering(
         left = -1
         for place in partial.items():
             left &= having.get(place, 0)
+        # None means undecided: after a True covertable would not ask again as the row grows.
         return None if left and len(partial) < width else bool(left)
 
     controller = Controller(
@@ -45,6 +47,7 @@ def covering(
         constraints=[{"operator": "fn", "requires": (), "evaluate": completes}],
         presets=[list(row) for row in (*given, *preferred)],
     )
+    # covertable keeps every preset, needed or not. `make_async` is a plain generator, whatever its name says.
     return _needed([tuple(row) for row in controller.make_async()], ways, set(given))
 
 

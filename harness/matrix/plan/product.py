@@ -111,6 +111,7 @@ def _check_parts(axes: Axes, ways: int) -> None:
 
 def amount(count: int) -> str:
     """Write a number of things, a very large one by its power of ten."""
+    # By default Python writes no integer of more than 4,300 digits.
     digits = str(count) if count < 10**4000 else ""
     return f"{count:,}" if 0 < len(digits) <= 15 else f"about 10^{len(digits) - 1}" if digits else "countless"
 
@@ -322,6 +323,7 @@ def _file(matrix: Matrix) -> str:
 
 def _unused_cases(matrix: Matrix, cells: Iterable[Cell], places: Iterable[tuple[Case, str]]) -> Iterator[str]:
     """Yield a line for each case that exists in no cell."""
+    # By identity: cells share their cases, and one id may stand for different cases in different cells.
     shared = {id(cell.cases): cell.cases for cell in cells}
     used = {id(case) for cases in shared.values() for case in cases}
     for case, place in places:

@@ -50,6 +50,7 @@ def find_api(env: str, requirements: Collection[str]) -> str | None:
 
 def guess_api(env: str, requirements: Collection[str]) -> str | None:
     """Return the only API that an id without one can mean, given the requirements; None if there may be others."""
+    # Any package may register its ids with gym or gymnasium.
     if any(required_name(text) in FAMILY for text in requirements):
         return None
     apis = [row.api for row in speakers(requirements) if re.fullmatch(row.ids, env)]

@@ -190,6 +190,7 @@ class Candidates:
         chosen = expansion.chosen
         if not isinstance(chosen, Chosen) or chosen.made_from != self.made_from or not expansion.fits(self.matrix):
             return False
+        # `made_from` does not see what somebody wrote into the committed file.
         axis_values = {(name, choice.literal) for name, choices in self.axes.items() for choice in choices}
         return self.names.keys() >= set(chosen.combinations) and all(
             axis_values >= set(entry.axes.items()) for entry in chosen.unresolvable

@@ -164,6 +164,7 @@ def _details(cell: Cell, *, dated: bool) -> Iterator[Detail]:
             yield Detail(cellid.spell(word), getattr(question, word))
     if dated and question.snapshot:
         yield Detail("as-of", question.snapshot.lower().removesuffix("t23:59:59z").replace(":", "."))
+    # An address may hold a login, and a path is of this machine alone: both count in the digest, and are not shown.
     if question.index != usual.index:
         yield Detail("index", rest=repr(question.index))
     if "/" in cell.python:
@@ -260,6 +261,8 @@ def _suggested(options: TrialOptions, api: str | None) -> dict[str, tuple[str, .
     for row in rows:
         alone = not envs and len(rows) == 1
         drawn = names & DRAWING_LIBRARIES or _extras(options, row.package)
+        # mujoco beside another adapter is the engine beneath it.
+        # PettingZoo's example needs pygame, which an extra brings.
         fitting = {"mujoco": alone, "pettingzoo": drawn}.get(row.api, True)
         if fitting and options.api in {None, row.api}:
             envs[row.example] = USUAL
@@ -275,8 +278,10 @@ def _of_family(options: TrialOptions, api: str) -> dict[str, tuple[str, ...]]:
     """Return the environments of gym or gymnasium; CartPole is drawn only if its drawing library is asked for."""
     names = set(map(required_name, options.requirements))
     extras = _extras(options, api)
+    # Nobody who asks for gymnasium alone is to be told that pygame is missing.
     drawn = extras & DRAWING_EXTRAS or names & DRAWING_LIBRARIES
     envs = {SIMPLE: USUAL if drawn else tuple(check for check in USUAL if not check.startswith(Phase.RENDER))}
+    # gym 0.21 means mujoco-py by this extra, a binding that looks for a MuJoCo unpacked in the home folder.
     if (extras & MUJOCO_EXTRAS or "mujoco" in names) and (api != GYM or _allows(options, api, ">=0.26")):
         envs["Ant-v5" if api == GYMNASIUM and _has_ant_v5(options) else "Ant-v4"] = USUAL
     return envs

@@ -31,6 +31,7 @@ MOST_NAMES, LONGEST_NAME, MOST_CODE = 20_000, 1_000, 1 << 30
 DAY = 86_400.0
 LIMITS = process.Limits(seconds=300.0, memory_mb=2000)
 
+# Of absolute names only the standard library is compiled: a run could name any file of this machine.
 COMPILE = """
 import importlib.util, json, os, py_compile, sys
 
@@ -160,6 +161,7 @@ def _decoded(content: bytes) -> Code:
         start = content.index(b"\n") + 1
         code = {}
         for name, file, size in json.loads(content[:start]):
+            # A folder in the file's name could lead out of the run's prefix.
             code[str(name)] = (str(file).rpartition("/")[2], content[start : start + size])
             start += size
         return code
@@ -186,6 +188,7 @@ def _compiled(source: Source, names: list[str]) -> Code:
             )
         )
         code = _decoded(read(output, MOST_CODE))
+    # What cannot be compiled is kept as empty, so that it is not tried again before each run.
     return {name: code.get(name, ("", b"")) for name in names}
 
 

@@ -76,6 +76,7 @@ def _matches_record(path: Path, mark: str, size: str, *, thorough: bool) -> bool
         about = path.lstat()
     except (OSError, ValueError):  # no name that a file could have
         return False
+    # Cut to 20 digits: `int` refuses numbers of more than 4,300.
     if not stat.S_ISREG(about.st_mode) or (size.isdigit() and about.st_size != int(size[:20])):
         return False
     if not thorough and path.suffix != ".py":

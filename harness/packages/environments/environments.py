@@ -125,6 +125,7 @@ def ensure_layer(base: Environment, wheel: Wheel, interpreter: Interpreter) -> E
     started in whatever way find both. A wheel that cannot be installed is a failed install.
     """
     started = monotonic()
+    # The name of the folder, not the key below: the layer leads on to this very folder.
     key = digest("on top", base.path.name, wheel.mark)
     nothing, how = Question(requirements=()), _InstallOptions(offline=True, below=base.path)
     result = _ensure_environment(key, lambda path: _make(path, (wheel,), interpreter, nothing, how))
@@ -141,6 +142,7 @@ def _ensure_environment(key: str, make: Callable[[Path], _Stamp | Step]) -> Envi
 
 
 def _provided_at(path: Path, make: Callable[[Path], _Stamp | Step]) -> Environment | Step | None:
+    # Before the look: from here on neither `gc` nor another process takes the environment away.
     use(path)
     stamp, reused = _usable(path), True
     if stamp is None:
@@ -224,6 +226,7 @@ def wheels_of(
         built = builds.build(pin, interpreter, question, provide, offline=offline, chain=chain)
         if isinstance(built, Step):
             return built
+        # A build may require something else than the metadata that uv resolved by.
         unmet = locks.unmet(sdists.requires_dist(built.path), lock, interpreter, question.overrides)
         if unmet:
             decisive = f"{pin.name} {pin.version}, once built, {unmet}"
@@ -266,6 +269,7 @@ def _stamp(path: Path) -> _Stamp | None:
 def _usable(path: Path) -> _Stamp | None:
     """Return the stamp of an environment if its metadata show it as it was made; else None."""
     stamp = _stamp(path)
+    # Copies suit every sandbox; hard links lead into uv's cache and suit only one that seals them.
     if stamp is None or stamp.key != _key(path) or stamp.link_mode not in {mode(), "copy"}:
         return None
     stable = foundation(path) if stamp.foundation else ""
@@ -326,6 +330,7 @@ def _make(
         return warmed
     if how.below:
         (site,), (more,) = (list(site_packages.folders(one)) for one in (path, how.below))
+        # With a bare path instead of `addsitedir` the .pth files of the environment below would not run.
         (site / site_packages.LEADS_ON).write_text(f"import site; site.addsitedir({str(more)!r})\n", encoding="utf-8")
     stamp = _Stamp(
         key=_key(path),

@@ -81,6 +81,7 @@ def _imported(path: Path, recipe: Recipe, question: Question) -> Step | None:
                     **base,
                     "PATH": f"{path / 'bin'}:{base['PATH']}",
                     "VIRTUAL_ENV": str(path),
+                    # Byte code is compiled and kept apart (`bytecode`), never in the environment.
                     "PYTHONDONTWRITEBYTECODE": "1",
                     **question.build_variables,
                 },

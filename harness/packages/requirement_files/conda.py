@@ -18,6 +18,7 @@ from harness.packages.requirement_files.yaml_texts import readable_yaml
 
 def environment_yml(text: str, source: Source) -> Parsed:
     """Read conda's format: its pip part and its Python; every other conda package is not modelled."""
+    # Nodes instead of plain values: they know their lines, which messages name.
     with readable_yaml(text, source.name):
         root = yaml.compose(text, Loader=yaml.SafeLoader)
     tables = _entries(root)

@@ -35,6 +35,7 @@ def read_lines(lines: Iterable[tuple[int, str]], source: Source) -> Parsed:
     check_number(len(listed), source)
     for number, raw in listed:
         where = f"{source.name}:{number}"
+        # As in pip: only upper-case names in braces, and an unset variable stays as it is written.
         line = re.sub(r"\$\{([A-Z0-9_]+)\}", lambda match: source.variables.get(match[1], match[0]), raw)
         if line.startswith("-"):
             for option, value in _options(line, where):

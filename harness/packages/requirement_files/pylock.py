@@ -36,6 +36,7 @@ def pylock(text: str, source: Source, extras: Iterable[str], groups: Iterable[st
 def _locked(package: Package, chosen: Mapping[str, frozenset[str]], source: Source, where: str) -> Inputs:
     marker = package.marker
     notes: tuple[str, ...] = ()
+    # Only lock files have markers on extras and groups; a requirement cannot carry them on.
     if marker is not None and re.search(r"\b(extras|dependency_groups)\b", str(marker)):
         if not marker.evaluate(dict(chosen), context="lock_file"):
             return Inputs()

@@ -209,12 +209,14 @@ def recall_wheel(memory: Path) -> Built | None:
         key = guarded_files.text(memory, 100)
     except Unreadable:
         return None
+    # The key becomes part of a path: a damaged file must not lead out of the store.
     return load_wheel(key) if KEY.fullmatch(key) else None
 
 
 def load_wheel(key: str) -> Built | None:
     """Return the wheel of a build if it is in the store; a damaged one is removed, and so built again."""
     folder = cache_folder() / "wheels" / key
+    # Before the look, so that `gc` does not take the wheel in between.
     use(folder)
     wheel = next(folder.glob("*.whl"), None)
     if wheel is None:
@@ -234,6 +236,7 @@ def _sound(wheel: Path) -> str:
         raise Unreadable(message)
     with wheel.open("rb") as file:
         mark = hashlib.file_digest(file, "sha256").hexdigest()
+    # Tried here, since `environments.wheels_of` reads the metadata without a guard.
     sdists.requires_dist(wheel)
     with zipfile.ZipFile(wheel) as archive:
         if broken := archive.testzip():
@@ -292,10 +295,12 @@ def _place(job: _Job, requires: Sequence[str]) -> Place:
         torch_backend=outer_question.torch_backend,
         snapshot=outer_question.snapshot,
     )
+    # `gc` keeps logs of this name as long as the request is remembered.
     folder = open_store().evidence(f"build-{job.request}")
     try:
         lock = resolver.resolve(question, job.interpreter, folder, offline=job.offline)
     except BadInput as error:
+        # The package wrote these lines, not the user.
         raise job.stopped(Outcome.FAILED, f"{job.title}: its build requirements cannot be read: {error}") from None
     place = job.provide(lock, question, job.chain) if isinstance(lock, Lock) else lock
     if isinstance(place, Step):
@@ -339,6 +344,7 @@ def _run(bench: _Bench, place: Place, log: Path, argv: tuple[str, ...], more: Ma
     base = this_machine.base_environment()
     path = f"{place.python.parent}:{base['PATH']}"
     given = bench.job.question.build_variables
+    # `more` comes last: in it pyproject_hooks names the backend, which no build variable may replace.
     command = process.Command(
         argv=argv,
         cwd=bench.source,

@@ -29,6 +29,8 @@ MARKERS = ("pyvenv.cfg", "CACHEDIR.TAG")
 UNWATCHED = {b"S", *(bytes([sign]) for sign in b"abcdefghijklmnopqrstuvwxyz")}
 """Marks of files that git was told not to look at, so that no change of theirs shows in its status."""
 
+# Only the first line may end the script: a checkout may have no commit and no tag, which leaves empty files.
+# Without `--no-renames` a renamed file would be an entry of two names.
 LOOK = """
 git -C "$1" rev-parse --show-toplevel > top || exit 9
 git -C "$1" rev-parse --show-prefix > prefix
@@ -53,6 +55,7 @@ AT = 'git -C "$1" rev-parse --verify --quiet "$2^{commit}" > commit'
 CHECK_OUT = 'git clone --quiet --shared --no-checkout "$1" tree && git -C tree checkout --quiet --detach "$2"'
 
 PASSED_ON = ("HOME", "PATH", "USER", "LANG", "TMPDIR", "SSH_AUTH_SOCK", "XDG_CONFIG_HOME", "GIT_SSH_COMMAND")
+# git asks for no password, which nobody could type, and `status` does not write an index into the user's checkout.
 FIXED = {
     "GIT_TERMINAL_PROMPT": "0",
     "GIT_OPTIONAL_LOCKS": "0",
@@ -106,6 +109,7 @@ def of_folder(folder: Path) -> State:
             files = sorted(_files(folder))
             return State(mark=digest("folder", [(path.as_posix(), _hash(folder / path)) for path in files]))
         top = Path((work / "top").read_text().rstrip("\n"))
+        # `described` belongs to the state: tools read a package's version from the nearest tag.
         facts = [(work / name).read_text().strip() for name in ("prefix", "commit", "described")]
         changes, tags = ((work / name).read_bytes().split(b"\0")[:-1] for name in ("changes", "tags"))
     entries = sorted((os.fsdecode(line[3:]), line.startswith(b"??")) for line in changes)
@@ -122,6 +126,7 @@ def of_repository(source: str, *, offline: bool = False) -> State:
     """
     wanted = Repository.parse(source)
     use(wanted.mirror)
+    # A full hash never comes to mean another commit, so one that was fetched needs no network.
     commit = _commit(wanted) if offline or _is_commit(wanted.reference) else None
     if commit is None and offline:
         message = f"subject: {wanted.reference} of the repository was never fetched; run without --offline"
@@ -239,6 +244,8 @@ def _files(folder: Path, below: Path = Path()) -> Iterator[Path]:
 
 
 def _is_leftover(path: Path, *, at_top: bool) -> bool:
+    # A folder that ignores itself belongs to a tool, as our own state folder does (`store.ignored_by_git`).
+    # Below the top, `build` and `dist` may be parts of the package.
     ignore = path / ".gitignore"
     return (
         path.name in LEFTOVERS

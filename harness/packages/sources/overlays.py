@@ -112,6 +112,7 @@ def _built(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[s
     if builder is None:
         reason = f"its repaired wheel is built by a Python {repair.python}, and there is none here"
         return _failed(repair, reason, Outcome.UNAVAILABLE)
+    # Without a cutoff: the recipe pins everything that the sdist is built with.
     question = Question(requirements=(), build_constraints=repair.build, index=settings)
     try:
         artifact = index.find(repair.name, repair.origin, settings, offline=offline)

@@ -98,5 +98,6 @@ def requires_dist(wheel: Path) -> tuple[str, ...]:
     """Return the requirements in a wheel's own metadata as they are written there, valid or not."""
     with zipfile.ZipFile(wheel) as file:
         name = next(name for name in file.namelist() if name.endswith(".dist-info/METADATA"))
+        # Old tools wrote Latin-1 here, which must not end the run.
         headers = HeaderParser().parsestr(file.read(name).decode("utf-8", "replace"))
     return tuple(str(value) for value in headers.get_all("Requires-Dist", ()))

@@ -67,6 +67,7 @@ def copy_source(source: Source) -> Path:
             folder.mkdir(parents=True)
             making = Path(tempfile.mkdtemp(dir=folder))
             place = _copy(source, making / "tree")
+            # The project may lie below the tree, so a link remembers where; it is relative, since `making` is renamed.
             (making / "place").symlink_to(place.relative_to(making))
             making.rename(remembered)
         return (remembered / "place").resolve()

@@ -43,6 +43,7 @@ def repair_wheel(wheel: bytes, repair: Repair) -> bytes:
     rows = [f"{_quoted(name)},sha256={_digest(contents[name])},{len(contents[name])}" for name in sorted(contents)]
     contents[record] = "".join(f"{row}\n" for row in (*rows, f"{record},,")).encode()
     executable = {name for name, info in entries.items() if (info.external_attr >> 16) & 0o100}
+    # The wheel standard wants RECORD to be the last file.
     return _zipped({name: contents[name] for name in (*sorted(contents.keys() - {record}), record)}, executable)
 
 

@@ -58,6 +58,7 @@ def layer(report: Plain, text: Callable[[str], str | None]) -> Layer:
     """
     cells = [cell for cell in report["cells"] if cell["verdict"] not in UNTOLD and cell["machine"] and cell["measured"]]
     texts = {name: text(name) for name in {cell["lock"] for cell in cells if cell["lock"]}}
+    # Only a lock that `lock_text` can restore to the byte is named.
     named = {name: _sha256(content) for name, content in texts.items() if content and _is_lock(content)}
     return Layer(
         generated=report["generated"],
@@ -79,6 +80,7 @@ def combined(layers: Iterable[Layer]) -> dict[str, Any]:
         locks.update(report_layer.locks)
         for cell in report_layer.cells:
             key = cell["id"], cell["machine"]
+            # At equal times the later layer wins: `result_index` puts this store's own results last.
             if key not in cells or cells[key]["measured"] <= cell["measured"]:
                 cells[key] = cell
     used = {cell["lock"] for cell in cells.values()}
@@ -115,6 +117,7 @@ def lock_text(document: Plain, sha256: str) -> str:
 def packed(document: Plain) -> bytes:
     """Compress the document; equal documents give equal bytes."""
     buffer = io.BytesIO()
+    # gzip would write the time into its header.
     with gzip.GzipFile(filename="", mode="wb", compresslevel=9, fileobj=buffer, mtime=0) as file:
         file.write(json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=False).encode())
     return buffer.getvalue()
@@ -256,5 +259,6 @@ def _hash_positions(
 ) -> Iterator[tuple[str, list[int]]]:
     for name, version, hashes in pins:
         all_of_it = release_hashes[f"{name}=={version}"]
+        # The places keep the lock's own order, too: the same hashes in another order are another text.
         if hashes != all_of_it:
             yield name, [all_of_it.index(one) for one in hashes]

@@ -47,6 +47,7 @@ def _versions_between(cells: Sequence[CellResult], query: Query) -> Iterator[Inf
 
     No cell may hold it together with everything else that was asked for.
     """
+    # Any measurement of the pinned version is an answer, on whichever Python and of whichever environment.
     seen = bool(find_fitting(cells, Query(wanted=query.wanted)))
     for place, wanted in enumerate(() if seen else query.wanted):
         pinned = _pin(wanted)
@@ -93,6 +94,7 @@ def _neighbours(cells: Sequence[CellResult], query: Query, axis: str) -> Iterato
     def place(result: CellResult) -> Version:
         return Version(result.minor if axis == PYTHON else str(result.version(axis)))
 
+    # Red cells stay in the row, so that nothing is inferred across one.
     for alike in _alike(find_fitting(cells, replace(query, needs=(), env=None)), axis):
         for before, after in pairwise(sorted(alike, key=place)):
             if len(find_good((before, after), query)) == 2 and place(before) < place(after):

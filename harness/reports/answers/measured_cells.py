@@ -108,6 +108,7 @@ class CellResult:
     @property
     def works(self) -> bool:
         """Return whether everything that was tried works, with no silent issue left open."""
+        # A combination is recommended with its lock, so a result without one is not enough.
         return plainly_good(self.cell["verdict"], self.cell["unverified"]) and bool(self.pins)
 
     @cached_property
@@ -200,6 +201,7 @@ def _holds(result: CellResult, query: Query) -> bool:
 
 
 def _of_python(result: CellResult, python: str | None) -> bool:
+    # The dots keep 3.1 from standing for 3.11.
     return python is None or f"{result.python}.".startswith(f"{python}.")
 
 

@@ -155,8 +155,10 @@ def _ask_index(names: Sequence[str], settings: IndexSettings, *, offline: bool) 
 
     def answer(name: str) -> tuple[str, Listing | None] | None:
         try:
+            # This check only helps before the work: an index that is slow or down must not hold up the run.
             releases = index.releases(name, settings, offline=offline, patient=False)
         except index.UnknownPackage:
+            # Unknown names are not remembered: a package may be published later.
             return name, None
         except index.IndexUnreachable:
             return None
@@ -184,6 +186,7 @@ class _Memory:
     """Package listings of an index from earlier runs, in the cache folder."""
 
     def __init__(self, settings: IndexSettings) -> None:
+        # The user's own uv and pip settings are part of the key, because other places list other releases.
         places = sha256(repr(combined(settings)).encode()).hexdigest()[:12]
         self._folder = store.cache_folder() / "releases" / places
 

@@ -36,6 +36,7 @@ class Apart(msgspec.Struct, frozen=True, kw_only=True):
 def apart(document: Plain, cells: Sequence[CellResult], query: Query) -> Apart | None:
     """Return the results of packages that no cell combines; None if some cell does, whatever its versions."""
     free = tuple(replace(one, versions=SpecifierSet()) for one in query.wanted)
+    # A red measurement counts, also one that could not be locked: the packages were tried together.
     about = [one for one in find_fitting(cells, Query(wanted=free)) if one.cell["lock"] is None or _ran_all(one, query)]
     if len(query.wanted) < 2 or about:
         return None

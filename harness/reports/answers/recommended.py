@@ -77,6 +77,7 @@ def build_answer(
 ) -> Recommended:
     """Return everything that the measured cells say about a question; `limit` bounds the lists of combinations."""
     combinations = recommending.combinations(document, cells, query)
+    # The sort is stable: among equals the newest stays first.
     combinations.sort(
         key=lambda combination: bool(combination.repaired or combination.brought)
     )  # what anybody can install goes first

@@ -37,6 +37,7 @@ def paste(combination: Combination) -> str:
     shown = {name: value for name, value in combination.settings.items() if (name, value) != VIRTUAL}
     minor = ".".join(combination.python.split(".")[:2])
     notes = [f"Python {minor}", *(f"{name}={value}" for name, value in shown.items())]
+    # `virtual` is our own word for a display and nothing that a person could set.
     notes += ["a display"] * (len(shown) < len(combination.settings))
     return f"{shlex.join(combination.requirements)}  # {', '.join(notes)}"
 
@@ -168,6 +169,7 @@ def _unknown(answer: Recommended, names: Iterable[str]) -> Iterator[str]:
 
 
 def _traps(answer: Recommended, *, whole: bool) -> Iterator[str]:
+    # What fails in the first combination that works in part is listed with it already.
     partly_cells = {part.combination.cell for part in answer.partly[:1]}
     reds = [one for one in answer.red if not partly_cells & {*one.cells}]
     shown = reds if whole else reds[:FEW]

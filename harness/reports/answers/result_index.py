@@ -44,6 +44,7 @@ def load_shipped() -> dict[str, Any]:
     if PACKED.is_file():
         content = gzip.decompress(PACKED.read_bytes())
     else:
+        # The code that distils is part of the key: another version of it may make another document.
         files = [*report_files(), Path(digest.__file__), Path(counting.__file__), Path(cellid.__file__)]
         marks = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
         content = store.load_or_make("distilled", repr(marks), _distilled, msgspec.json.decode)
@@ -77,6 +78,7 @@ def _report(path: Path) -> Layer:
         content = json.loads(given_files.read_content(path))
         content["cells"] = _renamed(content["cells"])
         return digest.layer(content, partial(_text, path.parent))
+    # The file may be anybody's, and its shape was not checked: whatever is wrong becomes one sentence.
     except (BadInput, RecursionError, ValueError, KeyError, TypeError, AttributeError) as error:
         message = f"{path}: is no report of this harness: {type(error).__name__}: {error}"
         raise BadInput(message) from None
@@ -108,6 +110,7 @@ def _text(folder: Path, name: str) -> str | None:
 
 def _own() -> Iterator[Layer]:
     """Yield this store's results, judged and diagnosed as of now; a store that does not exist is not created."""
+    # `store.state_folder` would make the folder.
     if not (Path(os.environ.get("HARNESS_STATE") or ".harness") / "cells").is_dir():
         return
     from harness.reports import document  # noqa: PLC0415 - start-up

@@ -59,6 +59,7 @@ def _unpacked(name: str) -> Path | None:
         if f"{name}.json" not in archive.namelist():
             return None
         content = archive.read(f"{name}.json")
+    # The hash in the path makes a file that is there never out of date, also where several versions share a cache.
     file = store.cache_folder() / "reports" / sha256(content).hexdigest()[:16] / name / result_index.NAME
     if not file.is_file():
         store.write_atomic(file, content)

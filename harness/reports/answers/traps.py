@@ -79,6 +79,7 @@ def _by_cause(reds: Sequence[CellResult]) -> list[list[CellResult]]:
     for cell_result in reds:
         reasons.setdefault(_line(cell_result), set()).update(filter(None, [cell_result.cell.get("reason")]))
     groups: dict[tuple[Any, ...], list[CellResult]] = {}
+    # Cells with a reason come first, because `_red` takes reason and link from the first cell of a group.
     for cell_result in sorted(reds, key=lambda result: not result.cell.get("reason")):
         elsewhere = reasons[_line(cell_result)] if len(reasons[_line(cell_result)]) == 1 else ()
         cause = (
@@ -145,6 +146,7 @@ def _difference(result: CellResult, twin: CellResult, packages: Iterable[str]) -
     """Return how a red cell differs from a green one: packages it names, variables, Python."""
     mine = {name: version for name, version in result.chosen.items() if name not in packages}
     differs = {name: version for name, version in mine.items() if twin.version(name) != version}
+    # Without a lock it is not known what was absent.
     gone = {name: "absent" for name in twin.chosen if name not in packages and name not in result.pins and result.pins}
     variables = {name: value for name, value in result.variables.items() if twin.variables.get(name) != value}
     python = {"Python": result.minor} if result.minor != twin.minor else {}

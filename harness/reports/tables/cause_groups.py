@@ -121,6 +121,7 @@ def _neighbours(group: Iterable[CellEntry], cells: Sequence[CellEntry]) -> tuple
             version = _parsed(installed[canonicalize_name(wanted[0].name)]) or Version("0")
             if differing and differing <= names:
                 alone.append((version, cellid.label(other.id)))
+            # An axis such as `bounds` may differ, too; another Python or package would be another explanation.
             elif differing and not {"python", *installed, *(cell.installed or {})} & (differing - names):
                 together.append((version, cellid.label(other.id)))
     return max(alone, default=(None, ""))[1], max(together, default=(None, ""))[1]
@@ -135,6 +136,7 @@ def _wanted(remedy: Mapping[str, Any]) -> list[Requirement]:
 
 def _has(installed: Mapping[str, str], wanted: Requirement) -> bool:
     version = installed.get(canonicalize_name(wanted.name))
+    # An installed pre-release counts: it is there, whatever a resolver would choose.
     return version is not None and wanted.specifier.contains(version, prereleases=True)
 
 

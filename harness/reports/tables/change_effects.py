@@ -26,6 +26,7 @@ def effect(before: CellEntry, after: CellEntry) -> Effect:
     failed = counted_failures.failure(before), counted_failures.failure(after)
     if failed[0] and failed[1] and failed[0].same(failed[1]):
         return Effect.BREAKS if first < second else Effect.NOTHING
+    # Another failure: in an earlier phase the change made it, else the first failure may have hidden it.
     order = list(Phase)
     places = [order.index(cell.phase) if cell.phase else len(order) for cell in (before, after)]
     return Effect.BREAKS if places[1] < places[0] else Effect.UNCOVERS

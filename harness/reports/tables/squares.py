@@ -57,6 +57,7 @@ def default_axes(axes: Sequence[str], cells: Sequence[CellEntry]) -> tuple[str, 
         varying.remove("python")
     first = varying[0]
     second = (varying[1:] or [axis for axis in axes if axis != first])[0]
+    # A table grows downwards, because a page and a terminal end at the right.
     return (second, first) if len(values[second]) > len(values[first]) else (first, second)
 
 

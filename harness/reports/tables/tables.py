@@ -213,6 +213,7 @@ def _why(cell: CellEntry) -> str:
         return f"not verified: {', '.join(cell.unverified)}" + (f" ({'; '.join(reasons)})" if reasons else "")
     hit = [case for case in cell.cases if case.decisive and case.decisive == cell.decisive]
     if hit and len(hit) < len(cell.cases):
+        # Several cases may run one environment; then only their ids tell them apart.
         distinct = len({case.env for case in hit}) == len(hit)
         return f"{', '.join((distinct and case.env) or case.case for case in hit)}: {cell.decisive}"
     return cell.decisive or ""

@@ -25,6 +25,7 @@ def reasons(cells: Iterable[CellEntry]) -> Iterator[tuple[Explanation, list[Cell
     for cell in cells:
         results[cell.id] += 1
         locks[cell.id] = cell.lock or ""
+        # A changed cell is shown among the changes tried (`attempts`); here it stands only if it is not as expected.
         if not (plain(cell) or (cell.change and cell.as_expected is not False)):
             link = cell.expectation.link or "" if cell.expectation else ""
             ids = tuple(one.signature for one in counted(cell))

@@ -26,6 +26,7 @@ def render(template: str, document: Document, report: Report) -> str:
     from jinja2 import StrictUndefined, TemplateError  # noqa: PLC0415 - start-up
     from jinja2.sandbox import SandboxedEnvironment  # noqa: PLC0415
 
+    # A page comes with its matrix, which may be somebody else's.
     environment = SandboxedEnvironment(
         undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
@@ -78,6 +79,7 @@ class _Cells:
         return entry
 
     def having(self, **axes: Any) -> tuple[CellEntry, ...]:
+        # A keyword cannot hold the hyphen of a package's name; `_value` finds axes that really have `_`.
         wanted = {name.replace("_", "-"): (value,) if isinstance(value, str) else value for name, value in axes.items()}
         planned = (cell for cell in self.cells if cell.base is None)
         return tuple(cell for cell in planned if all(_value(cell, name) in wanted[name] for name in wanted))

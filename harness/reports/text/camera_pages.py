@@ -101,6 +101,7 @@ def way(case: CaseEntry, native: tuple[str, ...] = ()) -> Way:
     """Classify the result of one case."""
     last = CHECK if CHECK in case.checks else next(reversed(case.checks), "")
     outcome, why = case.checks.get(last), case.reasons.get(last, "")
+    # Nothing ran, or the import alone, which passed: nothing is known of the camera.
     if outcome is None or (last != CHECK and outcome is Outcome.PASSED):
         return Way(native=native)
     if outcome is not Outcome.FAILED:

@@ -49,6 +49,7 @@ def reasons(document: Document, fail_on: Collection[str]) -> Iterator[Annotation
         yield from _alike([cell for cell in document.cells if cell.as_expected is False], several=several)
     if "stale" in fail_on:
         yield from (Annotation(title="expectation out of date", message=sentence) for sentence in document.stale)
+    # An inconclusive cell fails the step whatever `fail_on` names (exit code 3), so it is always named here.
     untold = {Verdict.INCONCLUSIVE, *(verdict for verdict in Verdict if verdict in fail_on)}
     yield from _alike([cell for cell in document.cells if cell.verdict in untold], several=several)
 
@@ -91,4 +92,5 @@ def summary(page: str, limit: int = SUMMARY) -> str:
     if len(content) <= limit:
         return page
     room = content[: limit - len(CUT.encode())]
+    # The cut in bytes may split a character; up to the last line end all of them are whole.
     return room[: room.rfind(b"\n") + 1].rstrip(b"\n").decode() + CUT

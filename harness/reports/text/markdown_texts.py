@@ -9,6 +9,7 @@ TAG = re.compile(r"<(?=[A-Za-z/!?])(?!https?://)")
 CODE = re.compile(r"(?<!`)(`+)(?!`)(.+?)(?<!`)\1(?!`)", re.DOTALL)
 """A code span as CommonMark knows it: closed by a run of backticks as long as the one that opens it."""
 
+# Brackets that begin no link stay as they are, so that `gymnasium[mujoco]` and `[Errno 2]` can be read.
 LINKS = re.compile(r"!\[|\][(\[:]")
 MENTION = re.compile(r"(?<![\w`])@(?=[A-Za-z0-9])")
 BACKTICKS = re.compile(r"`+")
@@ -58,6 +59,7 @@ def _longest(text: str) -> int:
 
 
 def _prose(text: str) -> str:
+    # The character after `@` has no width: the text looks the same, and nobody is called.
     text = MENTION.sub("@&#8203;", TAG.sub("&lt;", text))
     return text.replace("[", "\\[") if LINKS.search(text) else text
 

@@ -33,6 +33,7 @@ class Progress:
         self._running: dict[str, str] = {}
         self._began = monotonic()
         self._lock = threading.Lock()
+        self._printing = threading.Lock()
         self._live: Live | None = None
 
     def __enter__(self) -> Self:
@@ -57,10 +58,12 @@ class Progress:
 
     def started(self, cell: Cell) -> None:
         """Note that work on a cell has begun."""
-        with self._lock:
-            if self.known_count and not self.worked_count and not self._running:
+        with self._printing:
+            with self._lock:
+                first = self.known_count and not self.worked_count and not self._running
+                self._running[cell.id] = "start"
+            if first:
                 self.say(f"{self.known_count} of {format_count(self.total, 'cell')} measured before")
-            self._running[cell.id] = "start"
 
     def step(self, cell: Cell, text: str) -> None:
         """Note the current step of a cell."""
@@ -69,15 +72,18 @@ class Progress:
 
     def done(self, record: CellRecord) -> None:
         """Report a finished cell; a cell that was reused without any work is counted only."""
-        with self._lock:
-            begun = self._running.pop(record.cell.id, None) is not None
-            if record.reused and not begun:
-                self.known_count += 1
-                return
-            self.worked_count += 1
-            done = self.known_count + self.worked_count
-            line = f"[{done}/{self.total}] {record.cell.id}: {self.describe(record)}"
-            self.say(line if self._live or done == self.total else f"{line} ({self._summary()})")
+        with self._printing:  # so that lines come in the order of their numbers
+            with self._lock:
+                begun = self._running.pop(record.cell.id, None) is not None
+                if record.reused and not begun:
+                    self.known_count += 1
+                    return
+                self.worked_count += 1
+                done = self.known_count + self.worked_count
+                line = f"[{done}/{self.total}] {record.cell.id}: {self.describe(record)}"
+                line = line if self._live or done == self.total else f"{line} ({self._summary()})"
+            # The board's own thread holds rich's lock while it waits for ours: we never print with ours held.
+            self.say(line)
 
     def say(self, text: str) -> None:
         """Print a message for the user once."""

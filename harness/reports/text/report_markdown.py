@@ -28,6 +28,7 @@ def markdown(report: Report, template: str) -> str:
     """Fill the template (the text of `templates/report.md.j2`) and return the page."""
     from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
 
+    # Jinja escapes for HTML, also inside code that people copy. The filters escape for Markdown instead.
     environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
     environment.filters |= filters()
     page = strip_controls(environment.from_string(template).render(report=report))
@@ -93,6 +94,7 @@ def _square(pivot: Pivot, square: Sequence[Square]) -> str:
     parts = []
     for entry in square:
         details = small(pivot, entry)
+        # A browser must not break the line between a sign and its count.
         sign = table_cell(mark(pivot, entry)).replace(" ", NBSP)
         parts.append(sign + (f"<br><sub>{table_cell(details)}</sub>" if details else ""))
     return "<br>".join(parts)
@@ -273,6 +275,7 @@ def by_cell(attempts: Iterable[Attempt]) -> list[list[Attempt]]:
 
 
 def _by_kind(findings: Iterable[Remark]) -> list[tuple[str, list[Remark]]]:
+    # groupby needs equal kinds side by side: `tables` sorts findings by kind first.
     return [(kind, list(held)) for kind, held in groupby(findings, key=lambda remark: remark.kind)]
 
 
@@ -285,6 +288,7 @@ def _count_kinds(findings: Sequence[Remark]) -> str:
 
 def _left_out(gone: Remark) -> str:
     """Return `3 combinations`, or the names if there are only a few."""
+    # The counts differ where a pattern stands for many combinations, and then no list of names is complete.
     if gone.count == len(gone.cells) <= NAMED:
         return _codes(gone.cells)
     return format_count(gone.count, "combination")

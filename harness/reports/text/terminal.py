@@ -72,6 +72,8 @@ def _console() -> Console:
 
     columns = os.environ.get("COLUMNS", "")
     width_known = sys.stdout.isatty() or (columns.isdigit() and int(columns) > 0)
+    # Without a width rich takes that of the terminal, or COLUMNS. Markup is off because lines of packages may hold
+    # square brackets, which rich would obey.
     console = Console(
         file=styled(sys.stdout), highlight=False, markup=False, width=None if width_known else PIPED_WIDTH
     )
@@ -180,6 +182,7 @@ def _fits(pivot: Pivot, first: int, last: int, target: Console, room: int) -> bo
 
     if last - first > room:  # a column is a character wide at least
         return False
+    # rich never measures more than the width it is given, so a table that is too wide would seem to fit.
     endless = target.options.update(max_width=10_000)
     return Measurement.get(target, endless, _table(pivot, first, last)).maximum <= room
 
@@ -352,6 +355,8 @@ def _padded(part: RenderableType, indent: int = INDENT) -> RenderableType:
 def _styled(*parts: tuple[str, str]) -> Text:
     from rich.text import Text  # noqa: PLC0415 - start-up
 
+    # `styled` lets escape sequences through for the colours of rich, so those of packages are removed here.
+    # `fold` wraps a long word, which a table of rich would cut off.
     return Text.assemble(*((strip_controls(text), style) for text, style in parts), overflow="fold")
 
 

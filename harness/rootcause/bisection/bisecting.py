@@ -133,6 +133,7 @@ class Bisection:
         base, same = self.task.base, candidate.change == Change()
         self.say(f"{self.task.axis} {candidate.name}, the bad end")
         whole = base if base and same else self.bench.measure(self.cell(candidate))
+        # A flaky bad end may work at first; without repeats `bisect` got worlds of benchmarks/worlds.md wrong.
         for _ in range(round(-math.log10(1 - self.task.confidence))):
             if not whole.works:
                 break
@@ -211,6 +212,7 @@ class Bisection:
         self._seed(search, line, cells)
         status, lower, upper = Status.STOPPED, None, None
         try:
+            # The status is set before the neighbours are measured: a budget that ends there does not undo the boundary.
             self._halve(search, line)
             status = self._status(search.result(), line)
             lower, upper = self._confirm_neighbours(search.result())
@@ -229,6 +231,7 @@ class Bisection:
         for place, (candidate, cell) in enumerate(zip(line, cells, strict=True)):
             for classification in measured.get(candidate.name, ()):
                 search.note(place, classification.answer, classification.why)
+            # The result of a measured candidate is in the store by now; it must not count twice.
             trial = None if candidate.name in measured else self.bench.at_hand(cell)
             if trial:
                 classification = self._predicate.classify(trial)

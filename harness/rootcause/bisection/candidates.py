@@ -55,6 +55,7 @@ def of_package(cell: Cell, name: str, interpreter: Interpreter, options: LineOpt
     """Return the releases of a package that exist for the Python of a cell. Raises BadInput and IndexUnreachable."""
     question = cell.question
     releases = index.releases(name, question.index, cutoff=question.snapshot, offline=options.offline)
+    # A platform wheel shows that the package is compiled; releases with an sdist alone would be built here.
     wheels = any(_fits(one, interpreter, native=True) for one in releases)
     binary = {name, ":all:"} & set(question.only_binary)
     reasons: dict[str, list[str]] = {}
@@ -138,6 +139,7 @@ def of_days(cell: Cell, packages: Iterable[str], interpreter: Interpreter, optio
                 first = max(first, release.uploaded[:10]) if same(pinned.get(name, ""), release.version) else first
     candidates = [_day(day) for day in sorted(days) if day >= first]
     if candidates and question.snapshot and candidates[-1].change.as_of != question.snapshot:
+        # The end of that day is later than the cell's own instant, so the instant takes the place of the day.
         if candidates[-1].name == question.snapshot[:10]:
             candidates.pop()
         candidates.append(Candidate(name=question.snapshot, change=Change(as_of=question.snapshot)))
@@ -159,6 +161,7 @@ def of_pythons(cell: Cell) -> Candidates:
             best = newest.get(installed.minor)
             newest[installed.minor] = max(filter(None, (best, installed)), key=lambda each: Version(each.version))
     cell_interpreter = interpreters.find(cell.python)
+    # The end that stands for the cell as it is has to be its own interpreter, not a newer patch release of its minor.
     if cell_interpreter and cell_interpreter.implementation == "cpython":
         newest[cell_interpreter.minor] = cell_interpreter
     ordered = sorted(newest.values(), key=lambda interpreter: Version(interpreter.version))

@@ -150,6 +150,7 @@ def document(done: BisectionResult, search_: Bisection, *, left_out: tuple[str, 
         candidates=len(done.line),
         bound=search.bound(len(done.line)),
         asked=sum(step.why != "whole" and not step.trial.at_hand for step in search_.steps),
+        # The good end that was found is subtracted, because `bound` counts both ends.
         for_an_end=max(0, sum(step.why == LOOKING and not step.trial.at_hand for step in search_.steps) - 1),
         measured=bench.runs,
         built=len(bench.built),

@@ -63,6 +63,7 @@ class GoodEndSearch:
             if answer is Answer.GOOD:
                 return self.bad + sign * off
             near, far = (near, far or off) if answer is Answer.UNTESTABLE else (off, None)
+        # A short range of good candidates may lie just before those that cannot be tested; doubling steps over it.
         while far is not None and far - near > 1:
             off = (near + far) // 2
             answer = self._answer(self.bad + sign * off)

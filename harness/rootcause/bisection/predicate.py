@@ -11,6 +11,7 @@ from harness.model.vocabulary import CHANGING
 from harness.rootcause.bench import Trial
 from harness.rootcause.search import Answer
 
+# The count differs from measurement to measurement, so with it a flaky failure would not equal itself.
 FLAKY = re.compile(r"^passed \d+ of \d+ runs; else: ")
 BETTER = frozenset({Outcome.PASSED, Outcome.SKIPPED})
 
@@ -54,6 +55,7 @@ class Predicate:
             return Classification(answer=Answer.FLAKY if flaky else Answer.BAD, why=None, words=line)
         if self._passed(trial):
             return Classification(answer=Answer.GOOD, why=None, words=f"passes {self.until}; fails later: {line}")
+        # Good releases may lie between two that do not install for the same reason, so these get no key to fill in by.
         cause_key = None if failed.phase in {Phase.RESOLVE, Phase.INSTALL} else _cause_key(failed)
         return Classification(answer=Answer.UNTESTABLE, why=cause_key, words=line)
 
@@ -75,6 +77,7 @@ class Predicate:
         order = list(Phase)
         before = order[: order.index(self.until) + 1]
         phases = [trial.assessed.phases.get(phase, Outcome.SKIPPED) for phase in before]
+        # A misleading check that fails leaves its phase passed, so the outcomes of the phases are not enough.
         misleads = trial.assessed.verdict is Verdict.MISLEADS and trial.assessed.phase in before
         return phases[-1] is Outcome.PASSED and set(phases) <= BETTER and not misleads
 

@@ -125,6 +125,7 @@ def _diagnoses(troubles: Mapping[str, Sequence[egl_advice.Library]]) -> Iterable
     """Return the known failures that match the predicted errors, each once."""
     diagnoses: dict[str, DiagnosisEntry] = {}
     for error, failing in troubles.items():
+        # The error is predicted and not seen in any phase; None fits known failures of every phase.
         evidence = [matching.Evidence(phase=None, reasons=(error,))]
         for who in failing:
             installed = {who.library.replace("_", "-"): who.release, "mujoco": who.mujoco}

@@ -128,6 +128,7 @@ def _case(env: str, api: str | None, installed: Mapping[str, str]) -> Case:
     if not pins:
         message = "nothing that is installed has environments that are known here"
         raise _Unmade(message)
+    # `plan.named_api` takes the first requirement that is an API, so gym must not stand before gymnasium.
     pins = tuple(sorted(pins, key=lambda pin: pin.startswith("gym==")))
     brought = next((name for name in ("gymnasium", "gym") if name in installed), None)
     (case,) = plan.cases_for(plan.TrialOptions(requirements=pins, python="host", envs=(env,), api=api, brought=brought))
@@ -142,8 +143,10 @@ def _context(store: Store, facts: Mapping[str, Any], scratch: Path, until: Phase
     python = facts["python"]
     prefix = Path(python["prefix"])
     executable = Path(python["executable"])
+    # `launch` needs the path of the interpreter relative to the folder of its environment.
     if not executable.is_relative_to(prefix):
         executable = prefix / "bin" / executable.name
+    # Byte code goes to the scratch folder, because `doctor` changes no file of the user's environment.
     site = launch.Site(
         folder=prefix, python=executable, pycache=scratch / "pycache", variables=dict(os.environ), files={}
     )
@@ -154,6 +157,7 @@ def _context(store: Store, facts: Mapping[str, Any], scratch: Path, until: Phase
             host=Host(python=python["version"], undrawable=this_machine.explain_undrawable(os.environ)),
             places={},
         ),
+        # The key does not cover the packages: nothing is reused, as the store is a scratch folder and `fresh` is set.
         identity=("doctor", str(prefix)),
         until=until,
         fresh=True,

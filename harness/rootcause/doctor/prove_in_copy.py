@@ -55,6 +55,7 @@ def proof(document: Mapping[str, Any], *, env: str | None, offline: bool) -> Pro
     python = _python(environment)
     opened = store.open_store()
     as_of = opened.instant(plan.TRY_MATRIX, hours=REUSED_FOR_HOURS)
+    # A local part such as `+cpu` names an index and not a release; a pin with it finds nothing on another index.
     installed = {
         name: version.partition("+")[0] for name, version in environment["packages"].items() if is_version(version)
     }
@@ -63,6 +64,7 @@ def proof(document: Mapping[str, Any], *, env: str | None, offline: bool) -> Pro
         Bench(opened, Settings(offline=offline), board) as bench,
     ):
         copies = _Copies(bench=bench, python=python, env=env, as_of=as_of)
+        # The copy with the changes comes first: if it tells nothing, the other one need not be made.
         after, left_out = copies.measure({**installed, **changed}, changed)
         if after.assessed.verdict in UNTOLD:
             message = f"doctor --prove: it cannot be told here: {after.assessed.decisive}"

@@ -163,6 +163,7 @@ def find_replaced_packages(before: Cell, after: Cell) -> tuple[str, ...]:
     new_bounds = collect_bounds(after)
 
     def gone(name: str, texts: set[str]) -> bool:
+        # A bound that the new ones imply is not replaced: `<1.24` still keeps `<2`.
         now = SpecifierSet(",".join(new_bounds.get(name, ())))
         return any(
             text not in new_bounds.get(name, ()) and str(tidy(now & SpecifierSet(text))) != str(now) for text in texts
@@ -220,6 +221,7 @@ def merge_with_bounds(cell: Cell, change: Change) -> tuple[Change, bool]:
         contrary = contrary or clash
         if both is None:
             continue
+        # A constraint that contradicts the user's pin leaves nothing to resolve, so the requirement itself changes.
         as_bound = plain and (name not in requirements or not clash)
         pieces.append(Change(constraints=(both,)) if as_bound else Change(requirements=(both,)))
     return of_parts(pieces), contrary or bool(set(change.uninstall) & set(requirements))
@@ -261,6 +263,7 @@ def bound(good: str, bad: str) -> str:
 def short(version: str) -> str:
     """Return a version without the zeros at its end."""
     parsed_version = Version(version)
+    # `release` has only the numbers: without the other parts the bound would name another version.
     if parsed_version.is_prerelease or parsed_version.is_postrelease or parsed_version.local or parsed_version.epoch:
         return version
     numbers = list(parsed_version.release)

@@ -52,6 +52,7 @@ def every(records: Iterable[CellRecord], opened: Store, lab: Callable[[Cell], La
     signatures = shipped_signatures.beside(opened.folder)
     for record in records:
         failed = assess(record, signatures).failure
+        # A cell with a `base` is a change that is tried on another cell; that other cell is the one to repair.
         if failed is None or record.cell.base:
             continue
         names = frozenset(map(required_name, record.cell.question.requirements))
@@ -60,6 +61,7 @@ def every(records: Iterable[CellRecord], opened: Store, lab: Callable[[Cell], La
             repaired = _again(place, [one.change for one in alike if one.change]) if alike else Search(place).run()
         if repaired is None:
             continue
+        # A cause without a remedy is kept, too: later cells with this cause are passed over, not searched again.
         if repaired.status is Status.FOUND or not alike:
             solved.append(SolvedCause(failed=failed, names=names, change=repaired.change))
         yield RepairedCell(cell=record.cell, repaired=repaired, lab=place)

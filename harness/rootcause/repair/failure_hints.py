@@ -18,6 +18,7 @@ from harness.standalone.matching import Evidence
 
 NO_MODULE = re.compile(r"No module named '?([A-Za-z_][\w.]*)'?")
 PIP_INSTALL = re.compile(r"pip3? install (?:-U |--upgrade )?[`'\"]?([A-Za-z0-9][\w.-]*(?:\[[\w.,-]+\])?)")
+# Python 3.12 dropped distutils, and setuptools brings a stand-in; setuptools 82 dropped pkg_resources.
 PROVIDERS = {
     "absl": "absl-py", "attr": "attrs", "Box2D": "box2d", "cffi": "cffi", "cloudpickle": "cloudpickle",
     "cv2": "opencv-python-headless", "dateutil": "python-dateutil", "distutils": "setuptools", "git": "gitpython",
@@ -69,6 +70,7 @@ def find_suggested_installs(cell: Cell, evidence: Iterable[Evidence]) -> Iterato
                     old = parsed_requirement(requirements[name])
                     extras = ",".join(sorted({*old.extras, *wanted.extras}))
                     yield Change(requirements=(f"{name}[{extras}]{old.specifier}",))
+                # An error text is no authority: of other packages only well-known ones are installed on its word.
                 elif name not in requirements and name in {required_name(each) for each in PROVIDERS.values()}:
                     yield Change(requirements=(match[1],))
 
@@ -99,6 +101,7 @@ def named_bounds(text: str) -> Iterator[tuple[str, SpecifierSet]]:
     name = ""
     for match in BOUND.finditer(text):
         name = name if match[1] in {"or", "and"} else str(canonicalize_name(match[1]))
+        # A text may look like a bound and be none: `~=2` is not a valid specifier.
         with suppress(InvalidSpecifier):
             specifier = SpecifierSet(match[2].strip(" ,."))
             if name and not all(each.operator == "==" for each in specifier):
@@ -170,6 +173,7 @@ def variables(
         return
     for move in _ways(cell.environment, here):
         names = {name for name, value in move.change.environment.items() if value}
+        # Every package counts as a reader of DISPLAY, so beside another variable only that other one decides.
         read = [readers(name) for name in names - {"DISPLAY"} or names]
         if installed is None or not names or any(one is None or {*one} & {*installed} for one in read):
             yield move
@@ -181,9 +185,12 @@ def _ways(given: Mapping[str, str], here: frozenset[str]) -> Iterator[Move]:
         yield Move(change=change, way=Way.VARIABLE, why="the way that each library chooses")
     for way in ("egl", "osmesa"):
         if way in here and given.get("MUJOCO_GL") != way:
+            # Libraries refuse a PYOPENGL_PLATFORM that differs from MUJOCO_GL (`devices/egl_advice.py`).
+            # OSMesa always needs it: PyOpenGL may bind itself to GLX first and then has no functions of OSMesa.
             platform = {"PYOPENGL_PLATFORM": way} if "PYOPENGL_PLATFORM" in given or way == "osmesa" else {}
             change = Change(environment={"MUJOCO_GL": way, **platform})
             yield Move(change=change, way=Way.VARIABLE, why=f"drawn by {way}")
+    # A cell that does not set it runs with `dummy` already (`this_machine.choose_variables`).
     if given.get("SDL_VIDEODRIVER", "dummy") != "dummy":
         change = Change(environment={"SDL_VIDEODRIVER": "dummy"})
         yield Move(change=change, way=Way.VARIABLE, why="drawn without a window")

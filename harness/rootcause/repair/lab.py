@@ -175,6 +175,7 @@ def passes(trial: Trial, until: Phase) -> bool:
     """Return whether a cell that was measured up to a phase passed it."""
     if trial.works:
         return True
+    # A run that was to stop early is `not_run` if nothing failed before.
     if trial.assessed.verdict is not Verdict.NOT_RUN:
         return False
     reached = ORDER[: ORDER.index(until) + 1]

@@ -81,6 +81,7 @@ class Narrowing:
         if self._cured(trial):
             return Answer.GOOD
         failed = trial.failure
+        # A mix of two locks may not resolve, which says nothing about a failure in a later phase.
         if failed is None or (failed.phase in {Phase.RESOLVE, Phase.INSTALL} and not self._early):
             return Answer.UNTESTABLE
         return Answer.BAD
@@ -137,6 +138,7 @@ class Narrowing:
             return suspect.at(f"=={suspect.good}")
         if suspect.required:
             return suspect.at(f"=={boundary.good}")
+        # Releases that could not be tested stay out of the bound: only what was seen to work is allowed.
         beyond = boundary.between[0] if boundary.between else boundary.bad
         self.notes.append(f"{suspect.name} {boundary.good} works, {boundary.bad} does not")
         return suspect.at(self._combine_bound(suspect, candidate_changes.bound(str(boundary.good), str(beyond))))
@@ -153,6 +155,7 @@ class Narrowing:
         releases = times.usable(
             self.lab.base, suspect.name, self.interpreter, wheels=not suspect.build, offline=offline
         )
+        # If no release has a wheel, the package is built in any case.
         releases = releases or times.usable(
             self.lab.base, suspect.name, self.interpreter, wheels=False, offline=offline
         )

@@ -71,6 +71,7 @@ def _commands(cell: Cell, change: Change) -> Iterator[str]:
         options += [f"--python {change.python}"] if change.python else []
         yield " ".join(["uv pip install", *options, lines])
         if not (change.as_of or question.overrides):
+            # Older pips have no --build-constraint; their builds read PIP_CONSTRAINT.
             building = "PIP_CONSTRAINT=build-constraints.txt " if question.build_constraints else ""
             binary = [f"--only-binary {name}" for name in question.only_binary]
             yield " ".join([f"{building}python{change.python or ''} -m pip install", *binary, lines])

@@ -148,6 +148,7 @@ class Search:
             self.cure.proven = True
             self._stands()
         except (BudgetExhausted, ValueError):
+            # A remedy of another cell that cannot be tried here decides nothing: `every` goes on with a search.
             return None
         return self._answer(None)
 
@@ -177,6 +178,7 @@ class Search:
                 return False
             trial = self.lab.measure(change, move.why)
         except ValueError:
+            # No recipe here repairs a package of the overlay; the next move is tried.
             return False
         if trial.works:
             reason = self._no_cure(place.trial, trial)
@@ -188,6 +190,7 @@ class Search:
         depth = 1 - entry.above
         if trial.doubtful:
             self.notes.append(f"{move.why}: {describe_result(trial, self.lab.until)}")
+            # Nothing failed, so there is no error to go by: only the remedy of the open silent issue may help.
             self._open(change, trial, depth, (Way.SIGNATURE,))
         elif depth < DEEPEST and fails_further(place.trial, trial):
             self._open(change, trial, depth)
@@ -204,8 +207,10 @@ class Search:
         """Make the remedy smaller: bounds instead of a date or a lock, no guard of the search, no unneeded part."""
         cure.change = (self._nearest(cure) if self._by_pins(cure) else self._narrowed(cure)) or cure.change
         self._unguarded(cure)
+        # Parts are left out first, so that no bound is widened that is not needed at all.
         self._least(cure)
         self._widened(cure)
+        # A stored result is no proof: `sufficient` in the document promises a run of this session.
         if self.lab.shown(cure.trial) is None:
             cure.trial = self.lab.measure(cure.change, "the whole remedy once more", again=True)
         cure.proven = cure.trial.works and self._no_cure(self.before, cure.trial) is None
@@ -242,6 +247,7 @@ class Search:
             return None
         suspects = (*self._of_builds(cure.change, failing), *narrowing.differing(self.lab, cure.trial, failing))
         search = Narrowing(self.lab, rest, failing, interpreters.find(failing.cell.python))
+        # Runs up to the failed phase are shorter; the search over all phases follows only if that gives no cure.
         phases = dict.fromkeys((failing.failure.phase or Phase.SUITE, Phase.SUITE))
         try:
             return next((change for phase in phases if (change := self._up_to(phase, cure, search, suspects))), None)
@@ -350,6 +356,7 @@ class Search:
         cure = self.cure
         waiting = [*([self.now] if self.now else []), *sorted(self.queue)]
         left = tuple(dict.fromkeys(str(entry.way) for entry in waiting)) if stopped and not cure else ()
+        # A cure whose proof the budget cut off is still reported; `sufficient` says whether it was shown.
         if cure is None or (not cure.proven and not stopped):
             ends = [one.trial.assessed for one in self.lab.runs]
             unclear = [one for one in ends if one.verdict is Verdict.INCONCLUSIVE]

@@ -123,6 +123,7 @@ def _silent(trial: Trial) -> Iterator[Diagnosis]:
 
 def missing_packages(place: Place) -> Iterator[Move]:
     """Yield the installs that an error suggests, and packages whose modules were not found."""
+    # A module that a build misses is missing in the isolated environment of that build; a requirement is no help.
     if place.phase in BOTH:
         return
     cell, evidence = place.trial.cell, place.lab.evidence(place.trial)
@@ -313,6 +314,7 @@ def _usable(place: Place, name: str) -> tuple[Version, ...]:
     return times.usable(place.trial.cell, name, place.python, wheels=name in HEAVY, offline=offline)
 
 
+# `Way.DISPLAY` has no stage of its own: `variables` yields its moves, too.
 STAGES: dict[Way, Stage] = {
     Way.NAMED: named_bounds,
     Way.SIGNATURE: signature_remedies,

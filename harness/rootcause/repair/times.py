@@ -32,6 +32,7 @@ WHEELS_DAYS = 90
 def releases(name: str, settings: IndexSettings, cutoff: str | None, *, offline: bool) -> tuple[Release, ...]:
     """Return the releases of a package uploaded by `cutoff`, oldest first; none if the index does not tell."""
     listing = _listed(name, settings, offline=offline)
+    # Find-links places tell no times; as in uv no cutoff applies to their files.
     return tuple(one for one in listing if cutoff is None or one.uploaded is None or one.uploaded <= cutoff)
 
 
@@ -56,6 +57,7 @@ def instants(cell: Cell, installed: dict[str, str], minor: str, *, offline: bool
     if not uploads:
         return ()
     newest = datetime.fromisoformat(max(uploads))
+    # `uploaded` is the time of the first file only; the end of the day leaves time for the other wheels.
     moments = [newest.replace(hour=23, minute=59, second=59) + timedelta(days=days) for days in AFTER_DAYS]
     if minor in PYTHONS:
         wheels = datetime.fromisoformat(f"{PYTHONS[minor]}T23:59:59+00:00") + timedelta(days=WHEELS_DAYS)

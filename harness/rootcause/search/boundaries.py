@@ -170,6 +170,7 @@ class Search(Generic[T]):
         """Return each change between two tested candidates, in the order of the line."""
         answers: dict[int, list[Hashable]] = {}
         for index, answer, why in self._answers:
+            # An untestable candidate without a `why` says nothing about its place, so it is no link of the chain.
             if answer is not Answer.UNTESTABLE or why is not None:
                 answers.setdefault(index, []).append(why if answer is Answer.UNTESTABLE else answer)
         kinds = {index: self._kind(index, answers[index]) for index in sorted(answers)}

@@ -54,6 +54,7 @@ class Line:
             self.good[index] += answer is not Answer.BAD
             self.bad[index] += {Answer.GOOD: 0, Answer.FLAKY: 1}.get(answer, self.rules.looks)
             self.untestable.pop(index, None)
+        # `cached_property` keeps its value in `__dict__`; once it is removed there, the next use computes it anew.
         for cached_name in ("places", "contradiction", "gaps"):
             self.__dict__.pop(cached_name, None)
         self._give_up()

@@ -63,6 +63,7 @@ class _Search(Generic[T]):
                 break
             low, high = span
             needed |= frozenset(range(low, high))
+            # With `needed`, `range(high)` cures and `range(low)` does not, so what is still missing lies below `low`.
             rest = low
             if not rest or self._good(needed):
                 return self._make_result(*self._spared(needed))

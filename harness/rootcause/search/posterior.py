@@ -15,6 +15,7 @@ from itertools import accumulate
 END = 0.05
 """What is given beforehand to an end that is not what it was said to be."""
 
+# Not 0: that has no logarithm, and one wrong answer would rule out a place for good.
 SELDOM = 0.001
 BAD_LOOKS_GOOD = {SELDOM: 0.50, 0.05: 0.12, 0.1: 0.22, 0.2: 0.10, 0.4: 0.06}
 GOOD_LOOKS_BAD = {SELDOM: 0.90, 0.05: 0.03, 0.1: 0.05, 0.2: 0.02}
@@ -63,6 +64,7 @@ def compute_posterior(good: Sequence[int], bad: Sequence[int]) -> Posterior:
     count = len(good)
     seen = [index for index in range(count) if good[index] or bad[index]]
     logs = [_likely([(good[index], bad[index]) for index in seen], *rates) for rates in RATES]
+    # Only ratios matter, and the exponentials of many answers would underflow to 0 without `top`.
     top = max(map(max, logs))
     weights = [[math.exp(each - top) for each in row] for row in logs]
     stretches = list(zip(*weights, strict=True))  # between two that were seen nothing tells one place from another

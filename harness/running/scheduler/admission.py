@@ -25,6 +25,7 @@ class Room:
         now = self._reading() if self._reading else None
         if now is None or now.free_mb is None:
             return True
+        # A reading does not tell which probe holds what, and one that was just let in may not be in it yet.
         held = sorted(now.held_mb, reverse=True) + [0] * len(admitted_mb)
         promised = sum(max(0, need - has) for need, has in zip(sorted(admitted_mb, reverse=True), held, strict=False))
         return now.free_mb - promised - needed_mb > 0

@@ -70,6 +70,7 @@ def fault(owner: Owner, cell: Cell, phase: Phase, error: Exception) -> Step:
 
 def _keep_traceback(owner: Owner, cell: Cell, error: Exception, places: Mapping[str, str]) -> str | None:
     """Keep the traceback; return where, below the state folder, or None where even that fails."""
+    # The fault may be a full disk, on which this fails, too.
     with suppress(Exception):
         text = "".join(traceback.format_exception(error, limit=-FRAMES))
         file = owner.store.evidence(f"fault-{digest(cell.id)[:16]}") / "traceback.txt"

@@ -77,6 +77,7 @@ class ControlledRunner:
     def _recorded(self, control: Cell) -> Steps[ControlRecord]:
         """Look a control up or measure it, to the last phase; keep its record as that of any cell."""
         runner = self.runner
+        # To the last phase, whatever this run wants: runners of other settings share the result.
         beside = replace(
             runner, settings=replace(runner.settings, until=Phase.SUITE), observer=QuietObserver(runner.observer)
         )

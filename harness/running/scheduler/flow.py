@@ -115,6 +115,7 @@ class Flow:
         self.past = past
         self.order = {cell.id: (-past.seconds(cell), number) for number, cell in enumerate(cells)}
         self.groups.extend(self._grouped(cells))
+        # Controls have a thread of their own: `Runner.measure` waits for claims, and would hold up a slot.
         with _threads(self.at_once, self.room.slots, 1) as (self.first, self.second, self.third):
             while self.groups or self.preparing or self.ready or self.probing or self.elsewhere or self.controlling:
                 self._prepare()
@@ -171,6 +172,7 @@ class Flow:
             self.behind[taken].append(ready)
             return
         try:
+            # Never wait here: this thread moves all cells. Those in `elsewhere` are tried again later.
             held = claim([self.runner.store.claim_file(name) for name in claims], wait=False)
         except Exception as error:
             self._fault(ready.prepared.record, error)
@@ -210,6 +212,7 @@ class Flow:
     def _fault(self, record: CellRecord, error: Exception) -> None:
         """Keep the record of a cell that met an exception which nobody foresaw."""
         phase = Phase.INSTALL if record.lock else Phase.RESOLVE
+        # Without a mark the next run does not take this record as it is.
         self._keep(replace(stopped(record, cell_faults.fault(self.runner, record.cell, phase, error)), mark=None))
 
     def _controlled(self, future: Future[ControlRecord]) -> None:
@@ -267,6 +270,7 @@ def _threads(*sizes: int) -> Iterator[list[ThreadPoolExecutor]]:
         yield pools
     except BaseException:
         for pool in pools:
+            # Not waited for yet: the threads wait for processes, which `process.stop` ends.
             pool.shutdown(wait=False, cancel_futures=True)
         process.stop()
         raise

@@ -33,6 +33,7 @@ def is_still_valid(lock: Lock, question: Question, locked_at: int) -> bool:
 def _changes(folder: Path) -> Iterator[float]:
     """Yield when the folder, its link and its files last changed, in nanoseconds; infinity if it is gone."""
     try:
+        # ctime, since a copied file may keep an old mtime; lstat, since the link may lead elsewhere now.
         yield folder.lstat().st_ctime_ns
         yield folder.stat().st_ctime_ns
         for path in folder.iterdir():

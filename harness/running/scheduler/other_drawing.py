@@ -43,6 +43,7 @@ def retry_drawing(record: CellRecord, cases: Iterable[Case], around: Around) -> 
         other = replace(record, supplied=supplied)
         context = around(other)
         phases = {case.case: _failed(case) for case in record.cases}
+        # A generator: the first case that still fails ends the attempt, and the others are not run.
         again = (case_run.run_case(context, _only(case, phases[case.id])) for case in all_cases if phases.get(case.id))
         if all(not _fails(case) for case in again):
             case_records = tuple(case_run.run_case(context, case) for case in all_cases)

@@ -25,6 +25,7 @@ def stopped(record: CellRecord, step: Step) -> CellRecord:
     if step.outcome is Outcome.UNAVAILABLE:
         return replace(record, unavailable=step.decisive, cases=cases)
     if step.phase is Phase.INSTALL:
+        # A build may fail while uv resolves (`uv_failures`): that is a failed install, so resolving passed.
         passed = Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, reused=step.reused)
         resolve = record.resolve if record.lock else passed
         return replace(record, resolve=resolve, install=step, cases=cases)

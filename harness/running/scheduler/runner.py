@@ -158,6 +158,7 @@ class Runner:
                 record = stopped(record, failure.step)
             except Exception as error:
                 record = stopped(record, cell_faults.fault(self, record.cell, Phase.INSTALL, error))
+        # Probes that our own stop ended look like failures: no record is made of them.
         if process.stopped():
             message = f"{record.cell.id}: interrupted"
             raise CouldNotTell(message)
@@ -220,6 +221,7 @@ class Runner:
             if self.settings.offline:
                 key = digest("offline", key)  # what the caches hold is no answer for a run with the network
             if isinstance(answer, Step):
+                # Other outcomes are trouble of the network or this machine, and may be gone in the next run.
                 if answer.outcome is Outcome.FAILED:
                     self.store.save_lock(key, conditioned(answer))
                 return None, answer
@@ -327,6 +329,7 @@ class Runner:
         context = self._context(record, pool, tested)
         cases = tuple(with_modules(case, install) for case in record.cell.cases)
         mark = digest(case_run.mark(context, cases, record.lock_sha256), sorted(record.supplied.items()))
+        # The mark covers no suite: a cell with a subject is judged from its runs each time.
         record = record if tested else replace(record, mark=mark)
         last_record = self._load_record(record)
         if last_record:
@@ -339,6 +342,7 @@ class Runner:
             complete = replace(record, cases=case_records, suite=ended)
             if whole and not other_drawing.due(complete):
                 return Prepared(record=complete)
+        # Made in this stage: otherwise a probe would make it while it holds a slot.
         yield from pending(lambda: self._place(pool, tested))
         claims = {case_run.claim(context, case) for case, one in zip(cases, stored, strict=True) if one is None}
         return Prepared(
@@ -397,6 +401,7 @@ class Runner:
 
     def _variables(self, record: CellRecord) -> dict[str, str]:
         given = {**this_machine.base_environment(record.cell.needs), **record.supplied, **record.cell.environment}
+        # A matrix unsets a variable by an empty value; `empty` names those that are set to the empty string.
         chosen = {name: value for name, value in given.items() if value != ""}
         return chosen | dict.fromkeys(record.cell.empty, "")
 
@@ -432,6 +437,7 @@ class Runner:
                 with self.once.turn(("environment", key)):
                     environments.discard(environment, used=True)
                     bytecode.forget(code_folder(environment))
+                    # The next one is made with every file held against its hash (`thorough`).
                     self.doubted.add(key)
                     self.environments.pop(key, None)
         return False

@@ -46,6 +46,7 @@ class Pool:
     def __init__(self, owner: Owner, cell: Cell, lock: Lock, interpreter: Interpreter) -> None:
         self.owner, self.cell, self.lock, self.interpreter = owner, cell, lock, interpreter
         question = cell.question
+        # Build settings count beside the lock: they decide which wheels its sdists become.
         self.key = digest(
             "install",
             lock.sha256,
@@ -129,6 +130,7 @@ class Pool:
                     ensured = self._ensured()
                 if isinstance(ensured, Step):
                     raise NoEnvironment(ensured)
+                # An earlier case may have poisoned what numba and Warp compiled (docs/threat-model.md).
                 if self.owner.settings.verify or self.owner.settings.fresh:
                     bytecode.forget(code_folder(ensured))
                 self.owner.environments[self.key] = ensured

@@ -41,6 +41,7 @@ def peek(steps: Steps[T]) -> T:
     except StopIteration as end:
         result: T = end.value
         return result
+    # Closed at once: the steps may hold turns (`Once.turn`) that other threads wait for.
     steps.close()
     raise Unknown
 
@@ -53,6 +54,7 @@ def carry_out(steps: Steps[T]) -> T:
             try:
                 result = step.do()
             except BaseException as error:
+                # An interrupt is thrown in, too, so that the steps let go of the turns that they hold.
                 step = steps.throw(error)
             else:
                 step = steps.send(result)

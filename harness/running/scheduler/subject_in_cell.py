@@ -121,6 +121,7 @@ def _refusals(install: InstallResult, tested: SubjectWheel) -> Iterator[Finding]
 def on_top(owner: Owner, pool: Pool, tested: SubjectWheel) -> Environment:
     """Return the environment of a cell with the subject on top. Raises NoEnvironment."""
     base = pool.environment()
+    # By content, not by hash: builds are not the same to the byte twice (`environments`).
     key = digest("on top", base.key, tested.tested.content)
     with owner.once.turn(("environment", key)):
         if key not in owner.environments:
@@ -181,6 +182,7 @@ class Suite:
             decisive = f"the environment of the tests cannot be made: {install.failed.decisive}"
             self.failed = own_suites.not_run(decisive, install.failed)
             return
+        # The tests come from a copy of the source, so that its state counts besides the wheel.
         tests = (subject.suite, subject.state, launch.file_hash(own_suites.DOOR))
         self.key = digest("suite", install.key, self.tested.tested.content, tests, self.identity)
 
