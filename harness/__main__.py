@@ -7,6 +7,8 @@ import sys
 
 from harness.machine import interrupts
 
+# Before all other imports: a signal ends the command with a sentence from its first line on. An installed command
+# imports this module, so its name is asked; whoever else imports it keeps the signal handlers that it has.
 if __name__ == "__main__" or os.path.basename(sys.argv[0]) in {"simmatrix", "harness"}:  # noqa: PTH119 - at once
     interrupts.at_once()
 
@@ -110,6 +112,7 @@ def _parsed(module: Any, parser: argparse.ArgumentParser, rest: Sequence[str]) -
     """Parse the arguments of a verb. If it takes a command after `--`, `after` holds that command as it is."""
     if not hasattr(module, "split"):
         return parser.parse_args(rest)
+    # A command is split off before argparse sees it: it may have options that look like ours, and a second `--`.
     ours, command = module.split(rest)
     return parser.parse_args(ours, argparse.Namespace(after=command))
 
@@ -163,6 +166,7 @@ def _verb(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
     if not arguments:
         parser.print_help()
         parser.exit()
+    # Only the first word is parsed here: what follows, `--help` too, belongs to the verb.
     verb = str(parser.parse_args(arguments[:1]).verb)
     if verb not in VERBS:
         from difflib import get_close_matches  # noqa: PLC0415 - start-up

@@ -67,6 +67,7 @@ def offer_sessions(names: Iterable[str]) -> Iterator[Offer]:
     for name in names:
         try:
             plan = open_matrix.load(name, _say, offline=True)
+            # One matrix may be named twice, as `a.toml` and `./a.toml`: its sessions are offered once.
             if plans.setdefault(plan.matrix, plan) != plan:
                 message = f"{name}: another matrix is called {plan.matrix} as well, and so are its cells; rename it"
                 raise BadInput(message)
@@ -99,6 +100,7 @@ def _typed(cell_id: str) -> bool:
 
 def _glob(called: str, python: str, planned: Sequence[Cell]) -> str | None:
     """Return a glob for exactly the cells of one Python, wherever their ids name it. None if there is none."""
+    # An id names its Python first, in between or last. The `_` keeps py3.1 from matching py3.10.
     for glob in (f"{called}/py{python}_*", f"{called}/*_py{python}_*", f"{called}/*_py{python}"):
         if all(cellid.fits(glob, each) == (each.axes["python"] == python) for each in planned):
             return glob
@@ -127,6 +129,7 @@ def _register(function: Callable[..., None], offers: Sequence[Offer], *, side_by
 
 def cell(session: nox.Session, matrix: str, glob: str, reason: str) -> None:
     """Measure one cell, or reuse what is known of it."""
+    # One job, since nox itself may run several of these sessions at once (`--parallel`).
     _run(session, reason, matrix, glob, "--jobs", "1")
 
 
@@ -158,6 +161,7 @@ def _end(session: nox.Session, entries: Sequence[CellEntry], stale: Sequence[str
     parser.add_argument("--fail-on", type=publishing.kinds, default=publishing.DEFAULT_FAIL_ON)
     fail_on = {*parser.parse_known_args(session.posargs)[0].fail_on}
     ids = {entry.id for entry in entries}
+    # A sentence about a cell begins with its id; one about an expectation that matches no cell belongs to no session.
     outdated = [sentence for sentence in stale if sentence.partition(" ")[0] in ids]
     if "unexpected" in fail_on and (wrong := [entry for entry in entries if entry.as_expected is False]):
         session.error(f"not as expected: {_describe_outcome(wrong)}")

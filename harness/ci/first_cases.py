@@ -89,8 +89,10 @@ class Scout:
             return self._build_first_cases(listed, cases, ())
         lacking = [*(each.lacking for each in listed.candidates if each.lacking), *(why for _, why in listed.failed)]
         places = [each.place for each in listed.candidates] + [module for module, _ in listed.failed]
+        # Where nothing failed and nothing was missing, no extra can help; each one costs an install.
         for extra in ordered_extras(self.extras, places)[:MOST_EXTRAS] if lacking or self.tried else ():
             more = self._list_environments(python, (extra,))
+            # An extra such as `butterfly` brings what the part of that name needs, so that part alone is tried.
             near = [each for each in more.candidates if extra in each.place.split(".")]
             cases = self._running(python, (extra,), near or more.candidates)
             if cases:
@@ -156,6 +158,7 @@ class Scout:
             answer = self._list_in_process(ready.site, modules, skip)
             if isinstance(answer, _Listed):
                 return answer
+            # Without the package itself nothing can be listed; a module that comes again would loop for ever.
             if answer in {"", *modules, *skip} or len(skip) == MOST_SKIPPED:
                 return _Listed(trouble=f"importing {answer or ', '.join(modules)} ends the process", imported=True)
             skip.append(answer)
@@ -180,6 +183,7 @@ class Scout:
             batch, order = order[:BATCH], order[BATCH:]
             for candidate, why in self._outcomes(python, extras, batch):
                 if why is None:
+                    # It may have failed before, when the extra was not installed.
                     self.tried.pop(candidate.env, None)
                     cases.append(_drafted(candidate))
                 else:

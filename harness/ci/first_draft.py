@@ -74,6 +74,7 @@ def without_clashes(draft: Draft, path: Path) -> Draft:
     note = f"Left out: Python {', '.join(gone)}, on which the newest releases of the axes cannot be installed."
     return replace(
         draft,
+        # The ranges were narrowed for this Python. With some Pythons left out another one would be in the middle.
         main=draft.baseline,
         pythons=tuple(python for python in draft.pythons if python not in gone),
         ranges=tuple(_without(each, clashes.get(each.package, ())) for each in draft.ranges),

@@ -27,6 +27,7 @@ def find_clashes(
     names = (PYTHON, *packages)
     common = {name: Counter(cell.axes.get(name) for cell in cells).most_common(1)[0][0] for name in names}
     clashes: dict[str, list[str]] = {}
+    # The cell of the common values comes first: a value can be blamed only where those fit each other.
     for cell in sorted(cells, key=lambda cell: sum(cell.axes.get(name) != common[name] for name in names)):
         odd = [name for name in names if cell.axes.get(name) != common[name]]
         interpreter = interpreters.find(cell.python)

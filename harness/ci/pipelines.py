@@ -114,6 +114,7 @@ def render(pipeline: Pipeline, template: str, action_table: Mapping[str, Action]
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
+        # These are YAML and shell, not HTML: values are checked (`plain`, `words`) or quoted for their place.
         autoescape=False,
         variable_start_string="<<",  # the platforms have their own braces
         variable_end_string=">>",
@@ -173,6 +174,7 @@ def plan_page(plan: Plan, count: int) -> str:
 
 # --- texts that go into a workflow -------------------------------------------------------------------------------
 
+# A quote or an expression could become code in a workflow, and a word that begins with `-` an option.
 _PLAIN = re.compile(r"(?!-)[A-Za-z0-9_./+@:-]+( +(?!-)[A-Za-z0-9_./+@:-]+)*")
 
 

@@ -60,6 +60,7 @@ def main(args: argparse.Namespace) -> int:
     try:
         _check(args.matrix, plan, [red.cell.id for red in reds], entries, today)
     except BaseException:
+        # An interrupt, too, must not leave a matrix file whose new tables were not checked.
         store.write_atomic(path, text.encode())
         raise
     tell(f"{args.matrix}: {format_count(len(reds), 'cell')} accepted with {format_count(len(rewrite.tables), 'table')}")
@@ -106,6 +107,7 @@ def _read_entries(source: str, plan: Plan) -> dict[str, list[CellEntry]]:
     mark = document.marks()
     for entry in entries:
         cell = planned[entry.id]
+        # An id is not enough: after a change of the matrix it may belong to a cell that asks for something else.
         identity = (dict(cell.axes), cell.python, dict(cell.environment), mark(cell))
         if identity != (entry.axes, entry.requested_python, entry.environment, entry.asked):
             message = f"{path}: {entry.id} was another cell then; measure the matrix as it is now"

@@ -112,6 +112,7 @@ def plan_cell(args: argparse.Namespace, read_before: CellInputs, opened: Store, 
         requirements=(*args.requirements, *taken, *given.requirements),
         listed=tuple(text for text in given.requirements if text not in args.requirements),
         overlay=overlay,
+        # Which Python it will be is known only after the cell was resolved; the other options are checked before.
         python="host",
         envs=tuple(args.env),
         api=args.api,
@@ -164,6 +165,7 @@ def _overlay(given: Sequence[str]) -> tuple[tuple[Repair, ...], tuple[str, ...]]
     if not given:
         return (), ()
     recipes = open_matrix.recipes(Path("matrices"))
+    # argparse takes a requirement that follows a bare `--overlay` for its value; it still counts as a requirement.
     names = [text for text in given if re.fullmatch(r"[A-Za-z0-9._-]+", text)]
     with locate_errors("--overlay"):
         wanted = [PackageName.canonical(name) for name in names]
@@ -234,10 +236,12 @@ def _python(cell: Cell, given: Inputs, runner: scheduler.Runner) -> str:
     newest = sorted(minors.values(), key=lambda interpreter: Version(interpreter.version), reverse=True)
     for python in newest:
         lock, step = runner.lock_of(cell, python)
+        # Only a failed resolution speaks against a Python, not trouble of the network or of this machine.
         if lock or step.outcome is not Outcome.FAILED or step.phase is not Phase.RESOLVE:
             return python.minor
     if newest:
         return newest[0].minor
+    # No Python here is allowed: its absence is the answer, and no forbidden one is tried in its place.
     return _choose_version(allowed) if allowed else HOST
 
 

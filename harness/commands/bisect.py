@@ -107,6 +107,7 @@ def main(args: argparse.Namespace) -> int:
         Bench(opened, settings, scheduler.QuietObserver(board), Bounds(runs=args.runs, minutes=args.minutes)) as bench,
     ):
         try:
+            # --date needs the lock even where --bad is given: the days are those of uploads of its packages.
             base = bench.measure(cell, keep=True) if args.date or not args.bad else None
         except BudgetExhausted as spent:
             message = f"{spent} before the cell itself was measured; allow more"
@@ -152,6 +153,7 @@ def _task(request: BisectRequest, base: Trial | None) -> tuple[Candidates, Task]
         message = f"bisect {args.cell}: its lock holds no {args.axis}; name the end that fails with --bad"
         raise BadInput(message)
     if own is not None and args.bad is None:
+        # The release of the cell may be missing on the line, as a yanked one is.
         line = _with_own(line, own)
     place = candidates.day if args.date else candidates.place
     bad = place(line, args.bad, "--bad") if args.bad else _at(line, own)
@@ -259,6 +261,7 @@ def _repeat_command(request: BisectRequest, done: BisectionResult) -> str:
     flags = [f"--{name}" for name in ("any", "yanked", "pre") if getattr(args, name)]
     sure = ["--confidence", f"{args.confidence:g}"] if args.confidence != CONFIDENCE else []
     words = shlex.join(["simmatrix", "bisect", args.cell, *along, *ends, *flags, *sure])
+    # No matrix has a cell of `try`: whoever repeats the bisection has to try it first.
     tried = proofs.trying(request.cell) if request.cell.matrix == plan.TRY_MATRIX else None
     return f"{tried}; {words}" if tried else words
 
@@ -268,6 +271,7 @@ def _folder(request: BisectRequest) -> Path:
     ends = [f"{side}-{value}" for side in ("good", "bad") if (value := getattr(args, side))]
     flags = [name for name in ("any", "yanked", "pre") if getattr(args, name)]
     sure = [f"confidence-{args.confidence:g}"] if args.confidence != CONFIDENCE else []
+    # Another question about the same cell has another folder, so no certificate replaces one that says something else.
     words = (f"along-{request.axis.strip('-')}", *ends, *flags, *sure)
     return request.opened.folder / "bisects" / cellid.folder(request.cell.id, *words)
 

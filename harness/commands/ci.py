@@ -73,6 +73,7 @@ def main(args: argparse.Namespace) -> int:
     if args.check and args.out:
         message = "--check compares and --out writes: name one of them"
         raise BadInput(message)
+    # Offline, since each job plans the matrix by itself: the index could give them different plans.
     plan = open_matrix.load(args.matrix, tell, offline=True)
     select(plan.cells, None)
     count = _shards(args, plan)
@@ -164,6 +165,7 @@ def _state(path: str | None) -> str:
     """Return the cache key of the matrix: the version of simmatrix for a built-in one, else a hash of its files."""
     if path is None:
         return version("simmatrix")
+    # `pipelines.plain` has accepted this path before, so no quote in it can end the expression.
     return f"${{{{ hashFiles('{path}', '{path.removesuffix('.toml')}.expanded.json') }}}}"
 
 

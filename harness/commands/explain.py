@@ -88,5 +88,6 @@ def _output(command: Sequence[str]) -> str | None:
             old.unlink(missing_ok=True)
         (folder / file).touch()
     except (OSError, HarnessError):
+        # The command runs all the same, and its output is kept in a temporary file.
         return None
     return str(folder / file)

@@ -51,6 +51,7 @@ def main(args: argparse.Namespace) -> int:
         cells = select(plan.cells, args.k)
         with progress.Progress(len(cells), args.jobs, _headline) as board:
             settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE)
+            # Cells are only resolved here, so this machine need not have what they need to run.
             records = scheduler.run([replace(cell, needs=(), system=()) for cell in cells], opened, settings, board)
         beside = scheduler.run(_controls(records, opened), opened, settings, scheduler.QuietObserver(board))
         bringing = offline_collect.Collector(folder, opened, tell)
@@ -100,6 +101,7 @@ def _earlier(folder: Path, name: str, matrix: str) -> Manifest | None:
         cells=tuple(one for one in old.cells if one.matrix != matrix),
         files={file: known for file, known in old.files.items() if file not in {mine.file, *mine.beside}},
     )
+    # Written at once: a fetch that is killed later must not leave a manifest of the matrix as it was.
     offline_collect.write(folder, manifest)
     return manifest
 
@@ -119,6 +121,7 @@ def _manifest(
     fetched_cells: Sequence[FetchedCell],
 ) -> Manifest:
     mine = bringing.files(plan.matrix, open_matrix.files(name), plan.cells[0].question.snapshot)
+    # The machine without network balances its shards by these seconds.
     report = committed_report(open_matrix.locate(name), plan.matrix)
     mine = msgspec.structs.replace(mine, seconds=durations([report] if report else []))
     before: tuple[FetchedMatrix, ...] = earlier.matrices if earlier else ()

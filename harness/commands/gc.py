@@ -73,6 +73,7 @@ def main(args: argparse.Namespace) -> int:
     before = time() - args.older_than * DAY if args.older_than is not None else None
     size_before = disk_usage(places.cache, places.state)
     basket = _Basket(dry=args.dry_run, cache=places.cache)
+    # uv prunes first: what that frees need not be taken from environments to reach --max-size.
     size = _pruned(places, basket, size_before)
     basket.take(cleanup.select_items(cleanup.find(places), size, before=before, most=args.max_size))
     if Kind.RECORD in basket.numbers and not args.dry_run:  # what only they named is waste now
@@ -133,6 +134,7 @@ def _pruned(places: cleanup.Places, basket: _Basket, size: int) -> int:
     folder = places.cache / "uv"
     if basket.dry or not folder.is_dir():
         return size
+    # The time of this folder says when uv's cache was last of use, and pruning must not renew it.
     used = folder.stat().st_mtime
     uv_command.tidy("prune")
     os.utime(folder, (used, used))

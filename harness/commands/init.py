@@ -94,6 +94,7 @@ class _Files:
 def main(args: argparse.Namespace) -> int:
     """Write the missing files, and keep existing ones. Return 0, or 3 if something could not be found out."""
     say = tell if args.json else print
+    # Read before `chdir`: the path of --from starts in the user's folder.
     jobs = _jobs(args.workflow) if args.workflow else ()
     if not args.folder.is_dir():
         message = f"{args.folder}: is not a folder"
@@ -103,10 +104,12 @@ def main(args: argparse.Namespace) -> int:
         say(line)
     with chdir(args.folder):
         about = _project()
+        # Before anything is written: a dependency that no index has is a typo.
         misspelt.check(about.dependencies, tell, offline=args.offline)
         matrices = [_path(name) for name in _names(about, jobs, args)]
         if all(path.exists() for path in matrices):
             for path in matrices:
+                # Nothing is written, since the file exists; it is listed among those that were kept.
                 files.write(path, "")
                 say(f"{path}: is there already and stays as it is")
         else:
@@ -120,6 +123,7 @@ def main(args: argparse.Namespace) -> int:
         document = Started(
             written=tuple(files.written), kept=tuple(files.existing), jobs=jobs, not_found_out=tuple(files.open)
         )
+        # Numbers of a workflow keep their written form in a subclass of float, which msgspec does not encode by itself.
         print_json(msgspec.json.encode(document, enc_hook=float))
     return 3 if files.open else 0
 
@@ -156,6 +160,7 @@ def _matrices(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace, f
         fitting = whole if args.offline else first_draft.without_clashes(whole, path)
         if fitting != whole:
             store.write_atomic(path, drafts.text_of(fitting, template).encode())
+            # It was expanded from the ranges before; `_planned` expands the new ones.
             path.with_suffix(".expanded.json").unlink(missing_ok=True)
 
 
@@ -233,6 +238,7 @@ def _workflow(matrix: Path, install: str | None, files: _Files) -> None:
     """Write the workflow that `simmatrix ci` makes, under another name if there is one of another matrix."""
     folder = Path(".github/workflows")
     path = folder / "simmatrix.yml"
+    # The first lines of a workflow hold the command that made it, and so tell its matrix.
     if path.exists() and f"ci {matrix} " not in path.read_text(encoding="utf-8", errors="replace"):
         path = folder / f"simmatrix-{matrix.stem}.yml"
     if path.exists():
@@ -240,6 +246,7 @@ def _workflow(matrix: Path, install: str | None, files: _Files) -> None:
         files.say(f"{path}: is there already and stays as it is; `simmatrix ci {matrix} --check {path}` compares")
         return
     install = install or ci.installable()
+    # `ci` refuses a matrix whose ranges were never expanded with CouldNotTell, which would end `init` here.
     if matrix not in files.cells:
         return
     if install is None:
@@ -248,6 +255,7 @@ def _workflow(matrix: Path, install: str | None, files: _Files) -> None:
             f"`simmatrix ci {matrix} --out {path} --install git+ADDRESS@COMMIT` writes it"
         )
         return
+    # The options go through the parser of `ci`, so that a later `ci --check` compares with the same defaults.
     parser = argparse.ArgumentParser()
     ci.add_arguments(parser)
     branch = ["--branch", "master"] if _head() == "ref: refs/heads/master" else []

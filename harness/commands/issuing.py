@@ -69,6 +69,7 @@ def _read(path: Path) -> str | None:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
+        # A lock that is gone or damaged costs the report only its lock.
         return None
 
 
@@ -88,9 +89,11 @@ def find_private_names() -> dict[str, str]:
         "PIP_EXTRA_INDEX_URL",
     ):
         for part in os.environ.get(variable, "").split():
+            # An entry of UV_INDEX may be NAME=ADDRESS; a `=` behind the `://` belongs to the address.
             host = urlsplit(part.partition("=")[2] if "=" in part.partition("://")[0] else part).hostname
             if host and host not in PUBLIC:
                 replacements[host] = "<index>"
+    # A name of one or two letters would be found in any text.
     return {
         word: instead for word, instead in replacements.items() if word and word.lower() not in NOBODY and len(word) > 2
     }

@@ -66,6 +66,7 @@ def main(args: argparse.Namespace) -> int:
 
 def _answer(name: str | None, cells: Sequence[CellResult], issues: Sequence[Issue]) -> KnownDocument:
     """Return everything, or the package or the issue of a name. Raises BadInput."""
+    # A package that only lay in a lock was never run, and so was not measured.
     packages = sorted({package for one in cells for package in one.exercised | (one.named & one.pins.keys())})
     if name is None:
         entries = tuple(_package(package, cells, issues) for package in packages)

@@ -57,6 +57,7 @@ def main(args: argparse.Namespace) -> int:
     """Lock the cells. Return 0, or 1 if one unexpectedly has no lock, or 3 if that could not be decided."""
     settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE, offline=args.offline)
     opened = store.open_store()
+    # Only `lock` asks: it chooses the combinations of a covering strategy, which all other verbs read.
     ask = resolving.asking(opened, settings)
     planned = open_matrix.load(args.matrix, tell, offline=args.offline, renew=args.upgrade, ask=ask)
     plan = open_matrix.set_instant(planned, opened, renew=args.upgrade, offline=args.offline)

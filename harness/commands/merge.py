@@ -51,6 +51,7 @@ def main(args: argparse.Namespace) -> int:
     folder = args.out or store.state_folder() / "merged"
     reports = _find_reports(args.sources, folder)
     files = _Files()
+    # All reports are read and checked before the first file is written.
     whole = merging.merge([files.read_report(path) for path in reports])
     pivot = tuple(args.pivot) if args.pivot else None
     tables.check_pivot(pivot, [matrix.axes for matrix in whole.matrices.values()])
@@ -135,6 +136,7 @@ class _Files:
 
     def _token(self, folder: Path, name: str) -> str:
         path = PurePosixPath(name)
+        # A report may come from anybody's pull request and name any path.
         if path.is_absolute() or ".." in path.parts or len(path.parts) < 2 or path.parts[0] not in CARRIED:
             return ""
         try:

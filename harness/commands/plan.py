@@ -57,6 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Print the plan."""
     plan = open_matrix.load(args.matrix, tell, offline=args.offline)
+    # Not `select`, which refuses a matrix without cells: this verb lists why there are none.
     cells = choose(plan.cells, args.k)
     misspelt.check_cells(cells, tell, offline=args.offline)
     if args.json:

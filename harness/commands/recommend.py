@@ -115,6 +115,7 @@ def _write(path: Path, best: Combination | None, query: Query, *, offline: bool)
         python=best.python,
         machine=best.machine,
         measured=best.measured,
+        # `virtual` is our own word for a display, and nothing that a user could set.
         settings={name: value for name, value in best.settings.items() if (name, value) != recommended_text.VIRTUAL},
     )
     command = lock_files.write(path, handed, offline=offline)

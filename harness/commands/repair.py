@@ -90,6 +90,7 @@ def main(args: argparse.Namespace) -> int:
 
 def _names_cell(args: argparse.Namespace) -> bool:
     """Return whether the one word on the command line is a cell, not a requirement."""
+    # A direct reference, `name @ https://...`, has slashes, too.
     word = args.requirements[0] if len(args.requirements) == 1 and not (args.files or args.subject) else ""
     return "/" in word and " @ " not in word
 
@@ -116,6 +117,7 @@ def repair_all(
     records: Sequence[CellRecord], opened: Store, settings: scheduler.Settings, board: scheduler.Observer
 ) -> tuple[CellRecord, ...]:
     """Search for a remedy of every red cell, once per cause. Write the proofs, return the records of cured cells."""
+    # This very run has just measured the cells, so its results are reused, also under --fresh and --only-failed.
     settings, bounds = replace(settings, fresh=False, again=False), Bounds(runs=RUNS, minutes=MINUTES)
     cured = []
     for ended in repairs.every(records, opened, lambda cell: _lab(cell, opened, settings, bounds, board)):

@@ -182,5 +182,6 @@ def _print(form: str, whole: Document, report: Report, sources: Sequence[Path] |
         case "table":
             sys.stdout.write(_tables(report))
         case _:
+            # Several reports were moved to the working folder when they were combined; a single one kept its paths.
             single = sources[0] if sources and len(sources) == 1 else None
             print_json(document.encode(_moved(whole, single, Path()) if single else whole))

@@ -83,6 +83,7 @@ def main(args: argparse.Namespace) -> int:
         message = f"{option}: what a remedy installs is not in a folder of `fetch`; run it with the network"
         raise BadInput(message)
     planned = [open_matrix.load(name, tell, offline=settings.offline, fetched=layer) for name in args.matrices]
+    # Mistakes are looked for before the store is opened: bad input leaves no result behind.
     select_cells.check_distinct(planned)
     cells = select_cells.select([cell for plan in planned for cell in plan.cells], args.k)
     if layer is None:

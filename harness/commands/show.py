@@ -127,6 +127,7 @@ def _document(records: Sequence[CellRecord], all_records: Sequence[CellRecord], 
     Its paths start from the working folder.
     """
     cell = records[0].cell
+    # A changed cell may prove the remedy of this one, so both are judged together.
     near = {cell.id, cell.base}
     together = [record for record in all_records if record.cell.id in near or record.cell.base == cell.id]
     cells = {record.cell.id: record.cell for record in together}
@@ -263,6 +264,7 @@ def _next(cell: Cell, entry: CellEntry) -> Iterator[str]:
     yield "next"
     if entry.lock and entry.verdict is Verdict.WORKS:
         yield f"  uv pip sync --require-hashes {shlex.quote(entry.lock)}"
+        # A lock never holds the package under test itself.
         if cell.subject:
             yield f"  uv pip install --no-deps {shlex.quote(cell.subject.source)}"
     yield f"  {_again(cell)}"

@@ -37,6 +37,7 @@ def main(args: argparse.Namespace) -> int:
     with progress.Progress(1, 1, publishing.headline) as board:
         planned = ad_hoc_cell.plan_cell(args, given, opened, scheduler.Runner(opened, settings, board))
         (record,) = scheduler.run(planned.cells, opened, settings, board)
+    # Only the run shows that nothing registers an id. A mistyped id is bad input and no fact about packages.
     wrong = unregistered(record)
     if wrong:
         raise BadInput(wrong)

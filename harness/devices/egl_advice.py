@@ -113,11 +113,13 @@ def _way(library: str, value: str | None) -> tuple[str, str | None]:
     """
     if library == "robosuite":
         return {"osmesa": "osmesa", "glx": "glfw"}.get(value or "", "egl"), None
+    # MuJoCo ignores case and the blanks around the value; gymnasium and dm_control take it as it stands.
     plain = (value or "").lower().strip()
     if plain not in (*DISABLED, *WINDOWED, "egl", "osmesa"):
         return "none", f"RuntimeError: invalid value for environment variable {GL}: {plain}"  # MuJoCo, when imported
     if library == "mujoco" and plain in DISABLED:
         return "none", "AttributeError: module '...gl_context' has no attribute 'GLContext'"
+    # The slice leaves out `glx`, the last one, which dm_control refuses.
     exact = {"gymnasium": ("glfw",), "dm_control": ("glfw", *WINDOWED[1:7])}.get(library)
     if library == "dm_control" and value in DISABLED:
         return "none", "RuntimeError: No OpenGL rendering backend is available."
@@ -181,6 +183,7 @@ def recommend(variables: Variables, here: DrawingSupport) -> Advice | None:
     candidates = [
         (_worth(advice, variables, here), -place, advice) for place, advice in enumerate(_candidates(variables, here))
     ]
+    # `_candidates` yields the best first; the negative place lets the earlier of two equal ones win.
     best = max(candidates, key=lambda candidate: candidate[:2], default=None)
     if best is None or not best[0]:
         return None

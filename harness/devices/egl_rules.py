@@ -117,6 +117,7 @@ def choose_device(
 
 def _agreeing(settings: Settings) -> None:
     """Check the variables as robosuite does when it is imported."""
+    # robosuite searches the text, so `0` is found in `10,11`. That is its bug to predict, not ours to mend.
     if settings.cuda and settings.egl is not None and not (settings.egl.isdigit() and settings.egl in settings.cuda):
         message = f"AssertionError: {EGL_ID} needs to be set to one of the device id specified in {CUDA}"
         raise _Raised(message)
@@ -137,7 +138,10 @@ def _by_robosuite(settings: Settings, devices: Sequence[Device]) -> int:
                 message = "AssertionError: specified device id is not made visible in environment variables."
                 raise _Raised(message)
             place = listed[0] if argument == -1 else argument
+        # robosuite's message names this variable even where the number is that of CUDA_VISIBLE_DEVICES.
         _within_range(place, devices, f"The {EGL_ID} environment variable")
+    # This is a slice because robosuite checks no range without a variable: a place that is not there fails
+    # like a device that cannot be initialised.
     return _opened([*range(len(devices))][place : place + 1], devices)
 
 
@@ -210,6 +214,7 @@ def _opened(places: Sequence[int], devices: Sequence[Device], failed: str = "") 
     for place in places:
         if devices[place].works:
             return place
+    # The words are the library's own, grammar included: a test compares them with measured errors.
     reason = "This likely means that your EGL driver does not support the PLATFORM_DEVICE extension, which is required"
     usual = f"Cannot initialize a EGL device display. {reason} for creating a headless rendering context."
     message = f"ImportError: {failed or usual}"

@@ -43,6 +43,7 @@ def ways() -> Ways:
     first = _ask("device:0")
     count = min(int(first.get("count", "0")), MOST_DEVICES)
     devices = [first, *(_ask(f"device:{place}") for place in range(1, count))] if count else []
+    # An EGL without devices answers with a count of 0; no count at all means that there is no EGL.
     missing = None if devices else "EGL lists no device" if "count" in first else first["missing"]
     answers = tuple({name: text for name, text in one.items() if name != "count"} for one in devices)
     return Ways(devices=answers, egl_missing=missing, osmesa=_ask("osmesa"), display=_ask("display"))
@@ -71,6 +72,7 @@ def _ask(way: str) -> Answer:
             )
         except Unreadable:
             how = f"crashed with signal {done.signal}" if done.signal else "did not answer"
+            # A driver that crashed gave no count, and without one it would pass for a machine without EGL.
             count = {"count": str(int(way.partition(":")[2]) + 1)} if way.startswith("device:") else {}
             return {**count, "missing": f"its driver {how}"}
         return dict(reply)

@@ -46,6 +46,7 @@ class ByEnvironment(LoadGroupScheduling):  # type: ignore[misc]  # xdist has no 
         if place in self.cells:
             return place
         parameters = name.partition("[")[2]
+        # The longest id counts, since one id may be contained in another: `m/py3.1` in `m/py3.11`.
         return max((cell for cell in self.cells if cell in parameters), key=len, default=None) if parameters else None
 
     def _split_scope(self, nodeid: str) -> str:
@@ -61,6 +62,7 @@ def by_environment(runner: Runner, cells: Iterable[Cell]) -> dict[str, str]:
             record = runner.measure(replace(cell, cases=()))
         except HarnessError:  # its items meet it again, and tell
             return cell.id
+        # A lock does not say what its sdists are built with, so equal locks with other builds are other environments.
         question = cell.question
         built = (question.build_constraints, question.build_variables)
         return digest(record.python, record.lock_sha256, built) if record.lock_sha256 else cell.id

@@ -73,6 +73,7 @@ class Face:
         self.chosen = tuple(chosen.values())
         if self.chosen:
             files = [given for given in self.config.args if given not in {*chosen, SUITE}]
+            # Cells lie in no file: this folder stands for all, `pytest_collection_modifyitems` keeps the named ones.
             self.config.args[:] = [*files, str(FOLDER)]
 
     @pytest.hookimpl(optionalhook=True)
@@ -147,6 +148,7 @@ class Face:
             if report.skipped and isinstance(report.longrepr, tuple):  # not the line of ours that said so
                 report.longrepr = (str(item.reportinfo()[0]), None, report.longrepr[2])  # type: ignore[assignment]
         if call.when == "call" and isinstance(item, tree.CellItem):
+            # A report takes only plain values from a worker to the controller, so the record goes as text.
             setattr(report, FACTS, {"cell": item.cell.id, **item.facts})
             setattr(report, RECORD, msgspec.json.encode(item.record).decode() if item.record else None)
         return report
@@ -167,6 +169,7 @@ class Face:
     @pytest.hookimpl(wrapper=True)
     def pytest_sessionfinish(self, session: pytest.Session) -> Generator[None]:
         """Store and report the records of cells that were measured in full, and split the JUnit file by cell."""
+        # pytest writes the JUnit file in this same hook, so there is nothing to split before the others have run.
         yield
         if self.worker or session.config.getoption("collectonly"):
             return

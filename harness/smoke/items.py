@@ -22,6 +22,7 @@ from harness.smoke.judging import ItemOutcome, Kind
 from harness.smoke.measuring import STEPS, Measuring, Selection, has_suite
 
 
+# The plugin in `face` imports this module, so its type cannot be named here.
 class Session(Protocol):
     """The part of the plugin that items use: the plan, and the measurements."""
 
@@ -99,6 +100,7 @@ class OutcomeItem(pytest.Item):
         if not isinstance(excinfo.value, NotAsExpected):
             return super().repr_failure(excinfo, style)
         representation = excinfo.getrepr(style="value")
+        # Otherwise pytest's summary would begin with the name of our exception instead of the decisive line.
         if representation.reprcrash:
             representation.reprcrash.message = str(excinfo.value)
         return representation

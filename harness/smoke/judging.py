@@ -95,6 +95,7 @@ def judge_phase(
     here = phases.get(phase)
     if here is not None and here.outcome is not Outcome.NOT_REACHED:
         return _judge_result(cell, here, today)
+    # A suite that got no environment has a reason of its own, and no phase before it is to blame.
     if here is not None and here.line:
         return ItemOutcome(kind=Kind.INCONCLUSIVE, text=f"inconclusive: not run: {here.line}", evidence=here.evidence)
     way = _find_blocker(phase, phases)
@@ -147,6 +148,7 @@ def is_expected(expect: Expectation | None, at: PhaseResult, today: str) -> bool
     if expect.phase in {None, at.phase}:
         return fits
     order = list(Phase)
+    # Only a line or a code can tell that a failure in a later phase is the same one.
     is_specific = expect.match is not None or expect.code is not None
     return is_specific and fits and expect.phase is not None and order.index(at.phase) > order.index(expect.phase)
 
@@ -201,6 +203,7 @@ def _find_blocker(phase: Phase, phases: Mapping[Phase, PhaseResult]) -> PhaseRes
             return phases[step]
     before = [phases[needed] for needed in needs(phase) if needed in phases]
     stopped = [at for at in before if at.outcome not in {Outcome.PASSED, Outcome.NOT_REACHED}]
+    # A failed phase explains more than a nearer one that was only skipped.
     return min(stopped, key=lambda at: at.outcome is Outcome.SKIPPED, default=None)
 
 

@@ -112,6 +112,7 @@ class Measuring:
         steps = self.selection.phases(cell)
         if steps:
             first, here = judging.collect_phases(self.steps(cell)), judging.collect_phases(self.case(cell, case))
+            # A step that ended differently for this case is reported by no other item, so this item has to report it.
             alike = {at for at in STEPS if at in first and at in here and first[at].outcome is here[at].outcome}
             steps &= alike
         return self.selection.phases(cell, case.id) | steps

@@ -39,6 +39,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_cmdline_main(config: pytest.Config) -> Generator[None, Any, Any]:
     """Set `--dist loadgroup` for `-n` without `--dist`, so that cells with one environment go to one worker."""
+    # The order matters: without xdist there is no option `dist`, and asking for it would be an error.
     if config.getoption("matrix") and config.getoption("numprocesses", None) and config.getoption("dist") == "no":
         config.option.dist = "loadgroup"
     return (yield)
@@ -48,6 +49,7 @@ def pytest_cmdline_main(config: pytest.Config) -> Generator[None, Any, Any]:
 def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
     """Return the number of workers for `-n auto`: one per core, but no more than fit into the free memory."""
     if not config.getoption("matrix"):
+        # None leaves the number to xdist: this session does not use the harness.
         return None
     from harness.machine import free_memory  # noqa: PLC0415 - loaded by every pytest there is
     from harness.running import scheduler  # noqa: PLC0415 - loaded by every pytest there is

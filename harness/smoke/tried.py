@@ -91,6 +91,7 @@ class CellUnderTest:
         script.write_text(code, encoding="utf-8")
         with self.site.code(folder, "tried") as lent:
             command = process.Command(
+                # Without an overlay `folder` is a copy of the environment, whose own interpreter has to run.
                 argv=(str(folder / self.site.python.relative_to(self.site.folder)), "-s", str(script), *arguments),
                 cwd=scratch / "home",
                 env=self.site.run_variables(scratch / "home", lent),
@@ -103,6 +104,7 @@ class CellUnderTest:
                 writable=(scratch, *lent.writable),
             )
             done = process.run(command)
+        # None of these ends says anything about the user's code, so there is no result to be returned.
         if done.killed or done.out_of_memory or done.shot:
             why = done.killed or (SHOT if done.shot else None) or f"it needs more than {limits.memory_mb} MB"
             pytest.fail(f"inconclusive: {self.id}: {why}", pytrace=False)

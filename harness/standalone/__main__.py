@@ -79,6 +79,7 @@ def _doctor(args: argparse.Namespace) -> int:
             PROVE
         )
         raise explain.UsageError(message)
+    # Whoever types `/env/bin/python FILE doctor` means /env, even while another environment is active.
     request = doctor.Request(
         args.python, args.env, dict(os.environ), os.getcwd(), args.rendering, running=choosing.find_own_python()
     )
@@ -97,6 +98,7 @@ def _data(name: str) -> Optional[bytes]:
     try:
         return pkgutil.get_data(str(__package__), name)
     except OSError:
+        # Only the single file carries data; a checkout (`python -m harness.standalone`) has none.
         return None
 
 

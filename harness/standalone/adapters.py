@@ -88,6 +88,7 @@ def declarations(source: str) -> Dict[str, Any]:
     try:
         tree = ast.parse(source[: code.start()] if code else source)
     except SyntaxError:
+        # The cell that loads this adapter reports what is wrong with it.
         return {}
     fields = {}
     for node in tree.body:
@@ -103,6 +104,7 @@ def _literal(node: ast.expr, name: str, kind: type) -> Any:
         value = ast.literal_eval(node)
     except ValueError:
         value = None
+    # A text in the place of a tuple would be read letter by letter.
     if not isinstance(value, kind):
         message = "{} is not written out as a {}".format(name, kind.__name__)
         raise ValueError(message)

@@ -17,6 +17,7 @@ def strip_controls(text: str) -> str:
     """Remove escape sequences and control characters; tabs and line feeds stay."""
     if text.isascii() and text.isprintable():
         return text
+    # Sequences go first: without their first character the rest would stay as text.
     return CONTROL.sub("", SEQUENCE.sub("", text))
 
 
@@ -26,5 +27,6 @@ def escape_json(text: str) -> str:
 
 
 def _escape(match: "re.Match[str]") -> str:
+    # JSON writes a character beyond U+FFFF, such as a tag, as two units of UTF-16.
     units = match.group(0).encode("utf-16-be")
     return "".join("\\u{:02x}{:02x}".format(*units[place : place + 2]) for place in range(0, len(units), 2))

@@ -65,6 +65,7 @@ MODULES = {name: IMPORTED[name] for name in [*ORDER, *IMPORTED] if name in IMPOR
 SIMULATORS = frozenset(["gymnasium-robotics", "metaworld", "mujoco-py", "robomimic", "torchrl", *DECLARED])
 """What somebody has an environment for."""
 
+# Simulators weigh most: the nearest combination changes numpy rather than what somebody has an environment for.
 WEIGHTS: Dict[str, int] = dict.fromkeys(SIMULATORS, 5)
 WEIGHTS.update(dict.fromkeys(("torch", "jax", "jaxlib", "tensordict", "stable-baselines3", "warp-lang"), 4))
 WEIGHTS.update(

@@ -52,6 +52,7 @@ def strip_ansi(text: str) -> str:
 def normalise(text: str, places: Mapping[str, str]) -> str:
     """Replace folders of this machine (path to name, such as `$ENV`) and all that changes from run to run."""
     text = strip_ansi(text)
+    # The longest path goes first, since a shorter one may be the beginning of it.
     for path in sorted(filter(None, places), key=len, reverse=True):
         start = PATH_START if path.rstrip("/").count("/") < DEEP else ""
         text = re.sub(start + re.escape(path.rstrip("/")) + PATH_END, places[path].replace("\\", r"\\"), text)

@@ -30,6 +30,7 @@ def clauses(pattern: str) -> Tuple[Clause, ...]:
     try:
         parsed = _parser.parse(pattern, re.MULTILINE)
         if (parsed.state if hasattr(parsed, "state") else parsed.pattern).flags & re.IGNORECASE:
+            # `literal in text` compares letters as they stand, so it is no test for a pattern that ignores case.
             return ()
         candidates = [clause for clause in _of_sequence(list(parsed)) if _worth(clause)]
     except Exception:  # the parser is Python's own affair: what it gives may change, and without it all is slower only
@@ -66,12 +67,14 @@ def _of_sequence(items: Sequence[Tuple[Any, Any]]) -> Iterator[Clause]:
 def _of_one(operation: str, argument: Any) -> Iterator[Clause]:
     if operation == "SUBPATTERN":
         _, added, taken, items = argument
+        # A group with flags of its own, such as `(?i:...)`, matches other letters than it shows.
         if not added and not taken:
             yield from _of_sequence(list(items))
     elif operation in {"MAX_REPEAT", "MIN_REPEAT"} and argument[0] >= 1:
         yield from _of_sequence(list(argument[2]))
     elif operation == "BRANCH":
         best = [_best(list(items)) for items in argument[1]]
+        # One alternative without a literal matches where all the others are missing.
         if all(best):
             yield frozenset(literal for clause in best for literal in clause)
 

@@ -237,6 +237,7 @@ def _by_pattern(signature: Any, evidence: Any) -> Optional[Diagnosis]:
 @lru_cache(maxsize=None)
 def compiled(pattern: str) -> re.Pattern[str]:
     """Return a pattern, compiled once."""
+    # `literals.clauses` parses with the same flag; a pattern that ignored case only here would lose matches.
     return re.compile(pattern, re.MULTILINE)
 
 
@@ -304,4 +305,5 @@ def _asked_for(text: str, constraints: Mapping[str, List[Any]]) -> Optional[bool
     wanted = requirement(text)
     if wanted.name not in constraints:
         return None
+    # A requirement is a range, so it speaks against a failure only if no version is left for both.
     return not unsatisfiable([wanted.specifiers, *constraints[wanted.name]])

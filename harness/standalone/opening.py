@@ -18,6 +18,7 @@ DEVICE = "it is a device, not a file"
 def open_file(path: str) -> BinaryIO:
     """Open a regular file, or a pipe of the shell, to read. Raises OSError with a sentence for all else."""
     try:
+        # Opening a named pipe would wait for a writer. The kind is checked on the open file, which nobody can swap.
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except ValueError:  # a null character, or half of a surrogate pair
         raise OSError(errno.EINVAL, "no file can have this name") from None

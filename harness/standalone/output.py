@@ -61,6 +61,7 @@ def guard() -> None:
         if stream is None:
             setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8"))
         elif os.name != "nt" and type(stream) is io.TextIOWrapper:
+            # The type is compared exactly: a stream that is guarded already is a subclass, and stays as it is.
             setattr(sys, name, _guarded(stream))
 
 

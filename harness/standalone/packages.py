@@ -10,6 +10,7 @@ from .versions import canonical
 
 PYTHON = re.compile(r"^(?:python|pypy)[\d.]*(?:\.exe)?$", re.IGNORECASE)
 FOLDER = re.compile(r"^(?:python|pypy)(\d+\.\d+)$")
+# Installers write the form with `exec` where the interpreter's path is too long for the kernel's first line.
 SHEBANG = re.compile(rb"^#!\s*(\S+)(?:[ \t]+([^\r\n]*))?|^'''exec' \"?([^\"]+?)\"? \"\$0\"", re.MULTILINE)
 RELEASE = re.compile(r"^version(?:_info)?\s*=\s*(\d+\.\d+(?:\.\d+)?)", re.MULTILINE)
 READ = 4096
@@ -25,6 +26,7 @@ class Packages(NamedTuple):
 
 def of_command(argv: Sequence[str], variables: Mapping[str, str], folder: str) -> Optional[Packages]:
     """Return the packages of the interpreter that a command runs; None if it cannot be determined."""
+    # Wrappers may stand before the interpreter: `timeout 10 python train.py`, `env A=1 python`.
     for word in argv:
         python = _interpreter(word, variables, folder)
         if python:
@@ -106,6 +108,7 @@ def _near(folder: str) -> str:
 def _entries(path: str, variables: Mapping[str, str]) -> "tuple[Optional[str], List[str]]":
     """Return the version of an interpreter, and the folders that it imports from, the first one first."""
     extra = [one for one in variables.get("PYTHONPATH", "").split(os.pathsep) if one]
+    # Links are not followed here: `python` in an environment is a link to the base Python outside it.
     root = os.path.dirname(os.path.dirname(os.path.abspath(path)))
     settings = _text(os.path.join(root, "pyvenv.cfg")) or _text(os.path.join(os.path.dirname(path), "pyvenv.cfg"))
     match = RELEASE.search(settings)
@@ -139,9 +142,11 @@ def _folders(root: str, version: Optional[str]) -> Iterator[str]:
     for library in ("lib", "lib64", "Lib"):
         place = os.path.join(root, library)
         inner = [os.path.join(place, name) for name in _names(place) if _fits(name, minor)]
+        # On Windows (`Lib`) packages lie without a folder named after the version.
         for folder in [place, *inner] if library == "Lib" else inner:
             for kind in ("site-packages", "dist-packages"):
                 path = os.path.join(folder, kind)
+                # lib64 is often a link to lib, whose folders are listed already.
                 if os.path.isdir(path) and not os.path.islink(place):
                     yield path
 
@@ -182,6 +187,7 @@ def _distributions(entry: str) -> "Iterator[tuple[str, str]]":
             continue
         path = os.path.join(entry, name)
         file = path if os.path.isfile(path) else os.path.join(path, "METADATA" if kind == "dist-info" else "PKG-INFO")
+        # The description below the headers may hold lines of the same form.
         metadata = dict(re.findall(r"^(Name|Version):[ \t]*(\S+)", _text(file).partition("\n\n")[0], re.MULTILINE))
         parts = stem.split("-")
         title, version = metadata.get("Name", parts[0]), metadata.get("Version", parts[1] if len(parts) > 1 else "")

@@ -28,6 +28,7 @@ Run = Callable[[Sequence[str], Mapping[str, str], str, float], ProcessResult]
 
 def run(argv: Sequence[str], variables: Mapping[str, str], folder: str, seconds: float) -> ProcessResult:
     """Run a command to its end, or to that of its time; then its whole group is ended."""
+    # A file takes any amount of output while nobody reads; a full pipe would block the process.
     with tempfile.TemporaryFile() as log:
         try:
             process = subprocess.Popen(

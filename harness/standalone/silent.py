@@ -55,6 +55,7 @@ def concerns(issue: Any, env: Optional[str], api: Optional[str]) -> bool:
     if issue.apis and api is not None and api not in issue.apis:
         return False
     if not issue.envs or env is None:
+        # A case of a known API without an id makes no environment, so an issue of certain ones does not concern it.
         return not issue.envs or api is None
     names = {env, env.rpartition(":")[2]}
     left_out = [pattern[1:] for pattern in issue.envs if pattern.startswith("!")]

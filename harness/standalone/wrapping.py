@@ -27,6 +27,7 @@ def wrap_lines(lines: Iterable[str], columns: Optional[int]) -> Iterator[str]:
             yield line
         else:
             indent = " " * min(len(label.group(0)), NARROWEST // 2)
+            # No word is cut, not even at its hyphens: a package, a path or an option has to be copied whole.
             yield from textwrap.wrap(
                 line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
             )

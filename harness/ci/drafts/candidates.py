@@ -11,6 +11,7 @@ from packaging.utils import canonicalize_name
 
 from harness.model.vocabulary import APIS
 
+# A cell may answer anything, so neither the number nor the length of its texts is trusted.
 MOST, LONGEST = 5000, 300
 VERSION = re.compile(r"^(.*?)[-_]v(\d+)$")
 ARGUMENTS = re.compile(r"missing \d+ required (?:positional|keyword-only) arguments?")
@@ -69,6 +70,7 @@ def chosen_order(candidates: Iterable[Candidate]) -> list[Candidate]:
         if previous is None or _number(each.env) > _number(previous.env):
             newest[key] = each
     latest = list(newest.values())
+    # In PettingZoo `rps_v2` and `rps.rps` make the same environment; the one without a version is the inner module.
     if any(VERSION.match(each.place) for each in latest if each.api == "pettingzoo"):
         latest = [each for each in latest if each.api != "pettingzoo" or VERSION.match(each.place)]
     first: dict[str, Candidate] = {}

@@ -89,6 +89,7 @@ def _ranges(project: Project) -> Iterator[Range]:
     for name in (name for name in MEASURED if name in required):
         specifier = required[name].specifier
         bounded = any(each.operator in {">=", ">", "~=", "=="} for each in specifier)
+        # Without a lower bound a range reaches back to the first release, where one value for each X.Y would be many.
         rule = Rule.LATEST_PATCH if bounded else Rule.LATEST_MINOR
         yield Range(package=name, range=str(specifier) or ">=0", rule=rule)
 
@@ -101,6 +102,7 @@ def text_of(draft: Draft, template: str) -> str:
     environment.filters |= {
         "toml": schema.toml_value,
         "key": schema.key_path,
+        # A note may quote the text of others: a line end in it would end the comment.
         "comment": lambda note: "".join(sign for sign in " ".join(note.split()) if sign.isprintable()),
         "inline": lambda table: ", ".join(
             f"{schema.key_path(key)} = {schema.toml_value(value)}" for key, value in table.items()

@@ -20,6 +20,7 @@ def matrix_folder(pyproject: str, setup: str, config: str, *, src: bool) -> str:
     the packages lie in such a folder.
     """
     document = schema.load_toml(pyproject, dict[str, Any], "pyproject.toml")
+    # A project that names no build backend is built with setuptools.
     backend = _table(document, "build-system").get("build-backend", "setuptools")
     if src or not str(backend).startswith("setuptools") or _NAMED.search(setup) or _NAMED.search(config):
         return FOLDER

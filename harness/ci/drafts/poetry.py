@@ -13,6 +13,7 @@ _CARET = re.compile(r"([\^~])\s*(\d[\w.]*)")
 
 def project_table(poetry: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keys of a `[project]` table that Poetry's own table stands for; what cannot be read is left out."""
+    # Poetry lists Python itself among the dependencies.
     dependencies = {name: value for name, value in _table(poetry.get("dependencies")).items() if name != "python"}
     lines = {name: line for name, value in dependencies.items() if (line := _requirement(name, value))}
     optional = {name for name, value in dependencies.items() if isinstance(value, Mapping) and value.get("optional")}

@@ -116,6 +116,7 @@ def _pythons(table: _Table) -> tuple[str, ...]:
         except InvalidSpecifier:
             message = f'"{table.requires_python}" is not a specifier such as ">=3.10"'
             raise ValueError(message) from None
+    # A bound such as >=3.12.1 refuses the first patch release of a Python that it allows; 99 stands for a late one.
     fitting = (python for python in PYTHONS if any(allowed.contains(f"{python}.{patch}") for patch in (0, 99)))
     return tuple(python for python in fitting if python in named or not named)
 

@@ -53,6 +53,7 @@ def suite(
     of_ci = [name for name in in_workflow if name in extras and canonicalize_name(name) not in ASIDE]
     grouped = () if of_tests else _for_tests(groups)
     return SuiteDraft(
+        # By itself pytest finds the tests that its settings name, wherever they lie.
         arguments=() if configured or place is None else (place,),
         extras=tuple(dict.fromkeys((*of_ci, *of_tests))),
         groups=tuple(grouped),
@@ -77,6 +78,7 @@ def _names_pytest(lines: Iterable[object]) -> bool:
         try:
             name = canonicalize_name(requirement_texts.requirement(str(line)).name)
         except InvalidRequirement:
+            # A group may hold tables such as { include-group = "x" }, and an extra may hold lines that nobody can read.
             continue
         if name == PYTEST or name.startswith(f"{PYTEST}-"):
             return True

@@ -36,6 +36,7 @@ def narrow(wanted: Range, offers: Sequence[Offer], python: str) -> Range:
     """
     allowed = [offer for offer in offers if _allows(wanted.range, offer.version) and not offer.yanked]
     built = any(offer.wheels for offer in allowed)
+    # Tags depend on the implementation and the minor version alone, so the rest of this interpreter can be made up.
     tags = frozenset(locks.tags(Interpreter(path="", version=f"{python}.0", implementation="cpython", identity="")))
     usable = {offer.version for offer in allowed if _fits(offer, python, tags, built=built)}
     before = _values(wanted, allowed)

@@ -51,6 +51,7 @@ def of_legs(legs: Sequence[Leg], source: str) -> Draft | None:
     installs: list[_Installed] = []
     pythons = [_python(leg) for leg in legs]
     for leg, python in zip(legs, pythons, strict=True):
+        # A leg that sets up no Python counts only where no leg does: beside others its Python is not known.
         if python is None or (python == HOST and {*pythons} != {HOST}):
             notes.append(f"Left out: {leg.combination}, whose Python is not a version such as 3.11.")
         else:

@@ -66,6 +66,7 @@ def combinations(matrix: object) -> tuple[Combination, ...]:
         raise Unreadable(message)
     axes = {name: _listed(name, values) for name, values in matrix.items() if name not in NOT_AXES}
     included, excluded = (_entries(name, matrix.get(name) or []) for name in NOT_AXES)
+    # Without axes `product` yields one empty combination, where GitHub has only the entries of `include`.
     originals = [dict(zip(axes, values, strict=True)) for values in product(*axes.values())] if axes else []
     legs = [_Leg(own) for own in originals if not any(_fits(entry, own) for entry in excluded)]
     more: list[Mapping[str, Any]] = []

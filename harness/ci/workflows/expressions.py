@@ -92,6 +92,7 @@ def names(text: str, context: str) -> frozenset[str]:
 
 def names_in(expression: str, context: str) -> frozenset[str]:
     """Return the keys of a context that one expression, without its braces, uses."""
+    # A text in quotes refers to nothing, but in `matrix['name']` it is the key.
     without = re.sub(r"'(?:[^']|'')*'", lambda quoted: quoted[0] if _is_key(quoted, expression) else "''", expression)
     references = re.findall(rf"(?<![\w.-]){context}\b(?:\.([\w-]+)|\[\s*'((?:[^']|'')*)'\s*\])?", without)
     return frozenset(dotted or quoted or "*" for dotted, quoted in references)
@@ -227,6 +228,7 @@ def _item(value: Any, key: Any) -> Any:
     if value is UNKNOWN or key is UNKNOWN or key == "*":
         return UNKNOWN
     if isinstance(value, Mapping):
+        # GitHub does not distinguish the case of keys: `matrix.V` is `matrix.v`.
         lowered = {str(name).lower(): inner for name, inner in value.items()}
         return lowered.get(str(key).lower())
     if isinstance(value, list) and isinstance(key, int | float) and 0 <= key < len(value):
@@ -284,6 +286,7 @@ def _number(value: Any) -> float:
     try:
         return float(value)
     except (TypeError, ValueError):
+        # NaN equals nothing, so a text that is no number differs from every number.
         return float("nan")
 
 

@@ -80,6 +80,7 @@ def leg(job: Mapping[str, Any], combination: Combination) -> Leg:
     followed.hand_on(around, "the job's own settings")
     environment = followed.variables(job.get("env"), {})
     for step in _steps(job):
+        # None means that only GitHub can decide. Such a step is kept: one is left out only where that is sure.
         if expressions.holds(step.get("if", True), followed.contexts(environment)) is not False:
             followed.step(step, followed.variables(step.get("env"), environment))
     return Leg(
@@ -146,6 +147,7 @@ class _LegState:
     def script(self, text: str, environment: Mapping[str, str]) -> None:
         """Follow the commands of a step."""
         for name, value in environment.items():
+            # In a replacement `re.sub` would read a backslash as an escape.
             text = re.sub(rf"\$(?:{re.escape(name)}\b|\{{{re.escape(name)}\}})", value.replace("\\", "\\\\"), text)
         for words in shell.commands(text):
             plain = [unmarked(word) for word in words]
@@ -159,6 +161,7 @@ class _LegState:
                 self.installing |= names
             else:
                 self.hand_on_names(names, f"`{' '.join(plain[:3])}{' ...' if plain[3:] else ''}`")
+        # Last, since the first receiver counts: this is for values outside commands, as in the test of an `if`.
         self.hand_on_names(_names(text), "a script")
 
     def install(self, command: shell.Install) -> None:
@@ -197,12 +200,14 @@ class _LegState:
         """Return the claim of one value, with its fate."""
         reached = name in self.installing or "*" in self.installing
         instead = self.instead(name, value)
+        # An install of any version contradicts no value that reached an installing command in another form.
         if instead is not None and not (reached and instead == ""):
             return Claim(name=name, value=value, fate=Fate.OTHERWISE, why=instead or f"installs any {_package(name)}")
         if reached:
             return Claim(name=name, value=value, fate=Fate.INSTALLED)
         if name in self.handed:
             return Claim(name=name, value=value, fate=Fate.HANDED_ON, why=self.handed[name])
+        # Labels and switches claim no version, so naming a leg or choosing its steps is a use of them.
         if not _VERSION.fullmatch(value) and name in _mentioned(job):
             return Claim(name=name, value=value, fate=Fate.HANDED_ON, why="names and conditions")
         return Claim(name=name, value=value, fate=Fate.NEVER, why=_why_never(name, job))

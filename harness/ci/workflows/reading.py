@@ -48,6 +48,7 @@ def read(text: str, file: str) -> tuple[Job, ...]:
 
 def _matrix(job: object) -> object:
     strategy = job.get("strategy") if isinstance(job, dict) else None
+    # A whole strategy may be one expression. It is passed on, so that it is reported and not left out in silence.
     return strategy.get("matrix") if isinstance(strategy, dict) else strategy
 
 
@@ -101,6 +102,7 @@ def _number(loader: _Loader, node: yaml.ScalarNode) -> _Number:
     return number
 
 
+# Without a table of its own the loader would start from a copy of PyYAML's, which reads YAML 1.1.
 _Loader.yaml_implicit_resolvers = {}
 for _tag, _pattern, _starts in (
     ("tag:yaml.org,2002:null", r"(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),

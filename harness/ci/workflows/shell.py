@@ -51,6 +51,7 @@ def commands(script: str) -> Iterator[list[str]]:
             branches += [_Branch()] if words[0] == "if" else []
             testing = [words[1:]]
         elif words[0] == "then" and testing is not None and branches:
+            # A test of several commands, such as `a || b`, is not decided, so no branch is left out because of it.
             branches[-1].enter(_test(testing[0]) if len(testing) == 1 else None)
             testing = None
         elif testing is not None:
@@ -83,6 +84,7 @@ def _test(words: Sequence[str]) -> bool | None:
     if words[:1] not in (["["], ["[["], ["test"]) or any("$" in word or "`" in word for word in inner):
         return None
     match inner:
+        # In `[[ ]]` a star makes a pattern, which is not decided here.
         case [one, "=" | "==", other] if "*" not in other:
             return one == other
         case [one, "!=", other] if "*" not in other:
@@ -144,6 +146,7 @@ def install(words: Sequence[str]) -> Install | None:
             files += [value] if option in {"-r", "--requirement", "--requirements", "--file"} else []
         elif not word.startswith("-"):
             plain.append(word)
+    # conda pins with a single `=`.
     if words[0] in _CONDA:
         plain = [re.sub(r"(?<![=<>!~])=(?!=)", "==", word, count=1) for word in plain]
     return Install(words=tuple(plain), files=tuple(files), upgrade=upgrade, removes=verb == "uninstall")

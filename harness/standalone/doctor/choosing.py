@@ -102,6 +102,7 @@ def _resolve_option(text: str, variables: Mapping[str, str], folder: str) -> str
 def _note_other_python(python: str, variables: Mapping[str, str]) -> List[str]:
     """Return a remark if `python` on PATH is not the one of this environment, else an empty list."""
     executable = shutil.which("python", path=variables.get("PATH", os.defpath))
+    # Folders are compared, as the interpreters of all environments of one base link to the same file.
     if executable is None or os.path.realpath(os.path.dirname(executable)) == os.path.realpath(os.path.dirname(python)):
         return []
     return ["`python` starts another one here: {}".format(executable)]

@@ -66,6 +66,7 @@ def collect_requirements(facts: JsonObject) -> Dict[str, List[Requirement]]:
     extras: Dict[str, Set[str]] = {name: set() for name in there}
     requirements: Dict[str, List[Requirement]] = {}
     growing = True
+    # An extra brings requirements, which may ask for extras in turn.
     while growing:
         growing = False
         for name, distribution in there.items():
@@ -84,6 +85,7 @@ def _wanted(distribution: JsonObject, about: Mapping[str, str], extras: Set[str]
             if dependency.wanted(about, extras):
                 yield dependency
         except (ValueError, KeyError):
+            # Anybody can write broken metadata; one bad requirement must not hide the findings of the others.
             continue
 
 
@@ -260,6 +262,7 @@ def check_gym_mix(facts: JsonObject) -> List[Finding]:
     if "gym" not in there or "gymnasium" not in there:
         return []
     needs = collect_requirements(facts)
+    # shimmy requires an API only in order to translate, so it is no sign of a mixture.
     askers = {
         api: sorted(name for name, those in needs.items() if any(one.name == api for one in those) and name != "shimmy")
         for api in ("gym", "gymnasium")

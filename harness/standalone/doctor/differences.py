@@ -18,6 +18,7 @@ FIRST = (
     " MUJOCO_EGL_DEVICE_ID EGL_DEVICE_ID"
 ).split()
 """The variables that make a difference most often."""
+# Each run starts a Python and imports modules anew, which may take `probing.SECONDS` for each of them.
 MOST_RUNS = 32
 
 JsonObject = Mapping[str, Any]

@@ -76,6 +76,7 @@ def _document(
     here: Viewpoint, choice: Choice, request: Request, knowledge: Knowledge, more: Optional[More]
 ) -> Dict[str, Any]:
     probes = run_probes(here)
+    # A variable such as PYTHONHOME may keep Python from starting; without it the packages are still known.
     looked = probes["facts"] if "distributions" in probes["facts"] else probes["scrubbed"]
     if "distributions" not in looked:
         return _build_failure_document(here, choice, looked)
@@ -189,6 +190,7 @@ def _environment(choice: Choice, looked: JsonObject) -> Dict[str, Any]:
 
 def _build_failure_document(here: Viewpoint, choice: Choice, looked: JsonObject) -> Dict[str, Any]:
     """Return the document for a Python that cannot be inspected: it is too old, or does not start."""
+    # This line runs on every Python, even on one that can run nothing else of ours.
     code = "import sys; sys.stdout.write('%d.%d' % sys.version_info[:2])"
     version_text = here.run(
         [choice.python, "-E", "-c", code], here.scrubbed().variables, here.folder, 30.0

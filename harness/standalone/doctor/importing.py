@@ -33,9 +33,11 @@ def main(target: Any, seconds: Any, names: Any) -> None:
     if not (getattr(sys.flags, "safe_path", False) or sys.flags.isolated):
         sys.path.insert(0, os.getcwd())
     faulthandler.enable()
+    # The default action ends the process even in native code, where no Python handler would run.
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     for name in names:
         _write(descriptor, {"module": name, "started": True})
+        # The stacks come one second before the alarm, so that the output shows where an import hangs.
         faulthandler.dump_traceback_later(max(seconds - 1, 1))
         signal.alarm(seconds)
         began = time.time()
@@ -66,6 +68,7 @@ def _version(module: Any) -> Any:
     try:
         return str(getattr(module, "__version__", None) or "") or None
     except Exception:
+        # A module may compute this attribute when it is asked for, and raise anything.
         return None
 
 

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import sys
 
+# This comes before our own imports: no file of the user can hide a module that Python has loaded by now.
 STARTED = frozenset(sys.modules)
+# Python puts a script's folder first on the path, where our own files would pass for the environment's.
 HERE = __file__.rpartition("/")[0]
 SEARCHED = [entry for entry in sys.path if entry != HERE]
 
@@ -205,6 +207,7 @@ def _metadata(place: Any) -> Any:
     try:
         text, trouble = data.decode("utf-8"), None
     except UnicodeDecodeError:
+        # Latin-1 takes every byte, so name and version are still found.
         text, trouble = data.decode("latin-1"), "{} is not UTF-8 text".format(os.path.basename(path))
     headers = _headers(text)
     if not headers.get("name"):
@@ -246,6 +249,7 @@ def _read_record(place: Any) -> Any:
     path = os.path.join(place, "RECORD")
     if not os.path.isfile(path):
         return None
+    # The split is from the right: a file's name may hold commas, its hash and size may not.
     rows = (row.rsplit(",", 2) for row in _text(path).splitlines() if row)
     return {row[0].strip('"'): row[1] if len(row) > 2 else "" for row in rows}
 

@@ -22,6 +22,7 @@ JsonObject = Mapping[str, Any]
 PYTHON, UNCOVERED, FARTHEST = 8, 20, 2
 """What it weighs that a cell was measured on the next minor version of Python, and that it says nothing of a package
 that is here; and from how many minor versions away nothing is taken."""
+# Only this many are checked for conflicts, because each check reads the requirements of all packages again.
 MOST = 40
 FAILED = frozenset(("failed", "crashed", "timed_out"))
 
@@ -99,12 +100,14 @@ def _green(measured: JsonObject, env: Optional[str]) -> Iterator[Tuple[JsonObjec
     """Yield the cells that work, each with its installed versions."""
     for cell in measured.get("cells", ()):
         lock = measured["locks"].get(cell["lock"]) if cell["lock"] else None
+        # A cell with repaired wheels is no answer: the suggested command would install the ones of the index.
         if lock and good(cell) and not cell.get("repairs") and (env is None or _has(cell, env)):
             yield cell, dict(lock)
 
 
 def _shares(issues: Sequence[Any], cell: JsonObject, lock: Mapping[str, str]) -> bool:
     """Tell whether the versions of a cell run into one of these known failures, as those that are installed here do."""
+    # A failure of packages in any version says nothing against a cell that was measured to work.
     bounded = [one._replace(silent=True) for one in issues if any(map(_bounded, one.packages))]
     return bool(matching.lurking(bounded, Around(installed=lock, python=cell["python"])))
 
@@ -266,6 +269,7 @@ def find_failure(facts: JsonObject, measured: JsonObject) -> List[Finding]:
     green: List[JsonObject] = []
     for cell in measured.get("cells", ()):
         lock = measured["locks"].get(cell["lock"]) if cell["lock"] else None
+        # A cell with variables of its own may have failed by them, and not by its versions.
         if not lock or not wanted or minor(cell["python"]) != python or cell.get("environment"):
             continue
         candidate = _near(facts, cell, dict(lock), wanted, None)

@@ -65,6 +65,7 @@ def ensure_folder(folder: str) -> str:
 def describe_environment(here: Viewpoint, name: str, *flags: str) -> Dict[str, Any]:
     """Return the interpreter's description of its environment; if it gives none, `trouble` is the reason."""
     target = os.path.join(here.scratch, name + ".json")
+    # -B keeps bytecode out of the environment. The answer goes to a file, because the output mixes both streams.
     argv = [here.python, "-B", *flags, _script(here, "looking.py"), target]
     ran = here.run(argv, here.variables, here.folder, LOOKING_SECONDS)
     try:
@@ -110,6 +111,7 @@ def modules(description: Mapping[str, Any]) -> List[str]:
     """Return the modules to import: those of the packages that matter and are installed."""
     names = {canonical(one["name"]) for one in description.get("distributions", ())}
     tops = set(description.get("importable", ()))
+    # conda installs some packages under another name; their modules are there all the same.
     selection = [module for name, module in MODULES.items() if name in names or module in tops]
     return list(dict.fromkeys(selection))
 
@@ -144,6 +146,7 @@ def _together(here: Viewpoint, names: Sequence[str]) -> Dict[str, Dict[str, Any]
         if os.path.exists(target):
             os.unlink(target)
         argv = [here.python, "-B", _script(here, "importing.py"), target, str(SECONDS), *waiting]
+        # The alarm in `importing.py` ends one slow import; this limit is for a process that the alarm does not end.
         ran = here.run(argv, here.variables, here.folder, SECONDS * len(waiting) + 30.0)
         records = list(_lines(target))
         results.update({one["module"]: dict(one, output="") for one in records if not one["started"]})
@@ -191,6 +194,7 @@ def run_probes(here: Viewpoint) -> Dict[str, Any]:
     clean = here.scrubbed()
     as_it_is, scrubbed = describe_environment(here, "as-it-is"), describe_environment(clean, "scrubbed")
     if "trouble" in scrubbed:
+        # Without `site` no .pth file or sitecustomize runs, which may be what keeps this Python from starting.
         bare = describe_environment(clean, "bare", "-I", "-S")
         scrubbed = scrubbed if "trouble" in bare else dict(bare, trouble=scrubbed["trouble"])
     looked = as_it_is if "distributions" in as_it_is else scrubbed

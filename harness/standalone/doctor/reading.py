@@ -73,6 +73,7 @@ def skipped(probes: JsonObject) -> List[Finding]:
 
 def around(facts: JsonObject) -> Around:
     """Return the context for known failures: the installed versions and Python."""
+    # A Python built from a checkout calls itself `3.14.0+`, which is no version.
     return Around(installed=versions(facts), python=facts["python"]["version"].rstrip("+"))
 
 
@@ -100,6 +101,7 @@ def predict_failures(signatures: Iterable[Any], facts: JsonObject) -> List[Any]:
     """
     there = versions(facts)
     plain = [one for one in signatures if not one.masks and one.phases and not {"resolve", "install"} & {*one.phases}]
+    # `lurking` takes only silent failures and asks for nothing but packages, which is the question here.
     sure = [one._replace(silent=True) for one in plain if not one.silent and _bounded(one)]
     by_remedy: Dict[Any, Any] = {}
     for signature in lurking(sure, around(facts)):
@@ -138,6 +140,7 @@ def find_shadowing(here: Viewpoint, facts: JsonObject) -> List[Finding]:
     own = tuple(one + os.sep for one in facts["python"]["site_packages"])
     groups: Dict[Tuple[str, bool], List[JsonObject]] = {}
     for entry in facts["hidden"]:
+        # A module that the environment's own folder puts first is the one that is meant.
         if not entry["first"].startswith(own):
             groups.setdefault((_place(here, facts, entry["first"]), entry["standard"]), []).append(entry)
     return [_hiding(place, those, standard=standard) for (place, standard), those in groups.items()]

@@ -89,6 +89,7 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
     if args.file is not None:
         message = "explain: a FILE or a command, not both: {} stands before --".format(args.file)
         raise UsageError(message)
+    # This comes before the command runs, so that a wrong --python is refused while nothing has happened.
     around = _find_packages(args.python, command)
     path = place.output_file or _temporary()
     with open(path, "wb") as log:
@@ -100,6 +101,7 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
         os.unlink(path)
         return _report_nothing(args, ended.code, ended.trouble)
     if ended.code == INTERRUPTED:
+        # This is the code of Ctrl-C: the user ended the command, and there is no failure to explain.
         return _report_nothing(args, ended.code, "interrupted; what it wrote is in {}".format(path))
     with open(path, "rb") as written:
         excerpt = keeping.read_excerpt(written.read)
@@ -131,6 +133,7 @@ def _complete_place(place: Place, around: Optional[Packages], requirements: Tupl
     """
     if around is None:
         return place._replace(requirements=requirements)
+    # No packages at all count as not known, and the installer is then pip: nothing says that it is missing.
     return place._replace(
         python=around.python,
         version=around.version,

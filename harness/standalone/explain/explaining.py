@@ -130,11 +130,13 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
     if _deepest(hits) is None:
         possible = _hits(could, failure, killed)[0]
         named = [hit for hit in possible if _mentions_packages(hit.signature, failure.text)]
+        # Between two broad causes a text without versions cannot decide.
         if len(named) == 1:
             hits = (*named, *hits)
             findings.append(("packages", NOTE, _describe_condition(named[0].signature)))
         else:
             findings += [("possible", NOTE, _possible(hit)) for hit in (named or possible)[:SHOWN]]
+    # A known line that somebody only quotes counts as a failure, though no word in it says so.
     if not failure.failed and hits:
         failure = failure._replace(failed=True, decisive=hits[0].seen)
     if TROUBLE.search(failure.decisive or "") and _deepest(hits) is None:
@@ -269,6 +271,7 @@ def _rank(hit: Diagnosis, failure: Failure) -> Tuple[Any, ...]:
 
 
 def _where(hit: Diagnosis, failure: Failure) -> int:
+    # A failure known by its signal has no line. A pattern over frames belongs to the exception below them.
     if (
         hit.signature.pattern is None
         or _in(hit.seen, failure.decisive)
@@ -285,6 +288,7 @@ def _flat(text: str) -> str:
 def _in(seen: str, line: Optional[str]) -> bool:
     if not line:
         return False
+    # `shorten_line` may have cut either line, so each is looked for in the other.
     first = seen.rstrip("…")
     return first in line or line.rstrip("…") in first
 

@@ -58,8 +58,10 @@ def _packages(text: str) -> Dict[str, str]:
             if is_version(version):
                 candidates.setdefault(canonical(name), []).append(version)
         for name, versions in candidates.items():
+            # Of several installations of one package the last one counts: it replaced those before.
             if name not in packages and (len(set(versions)) == 1 or source is _installed):
                 packages[name] = versions[-1]
+            # The empty version keeps weaker sources from deciding where this one contradicts itself.
             packages.setdefault(name, "")
     return {name: version for name, version in packages.items() if version and name != "python"}
 

@@ -54,6 +54,7 @@ class Keeper:
             piece = piece[room:]
         self._tail += piece
         if len(self._tail) > TAIL + CHUNK:
+            # A progress bar of many megabytes is one line, so there may be no line's end to cut at.
             end = self._tail.rfind(b"\n", 0, len(self._tail) - TAIL) + 1 or len(self._tail) - TAIL
             self._pass(bytes(self._tail[:end]))
             del self._tail[:end]
@@ -67,6 +68,7 @@ class Keeper:
         for place, line in enumerate(lines):
             if self._open is not None:
                 self._open.append(line)
+                # The blank lines around these words are inside a chain, which has to stay one block.
                 inside = _leads_on(lines[place - 1 : place]) or _leads_on(lines[place + 1 : place + 2])
                 if (not line.strip() and not inside) or len(self._open) > BEFORE + AFTER:
                     self._close()

@@ -97,6 +97,7 @@ def run(argv: Sequence[str], log: BinaryIO, *, apart: bool = False) -> CommandEx
             code = NOT_FOUND if isinstance(error, FileNotFoundError) else NOT_RUN
             return CommandExit(code, trouble="{}: cannot be run: {}".format(argv[0], error.strerror))
         finally:
+            # Our copies have to go: a stream ends only when the last process has closed it.
             for stream in streams:
                 os.close(stream.given)
         signals.process = process
@@ -139,10 +140,12 @@ def _copy(streams: Sequence[_Stream], log: BinaryIO, process: Any) -> bool:
         for stream in streams:
             waiting.register(stream.reading, selectors.EVENT_READ, stream)
         while waiting.get_map():
+            # The end of the command is polled, because its children may hold the streams open long after it.
             ready = waiting.select(0.1 if ended is None else QUIET)
             for key, _ in ready:
                 if not _pass_on(key.data, log):
                     waiting.unregister(key.fd)
+                    # If our own reader has gone, the command now gets a broken pipe, as it would without us.
                     os.close(key.fd)
             if ended is None and process.poll() is not None:
                 ended = time.monotonic()
@@ -155,6 +158,7 @@ def _pass_on(stream: _Stream, log: BinaryIO) -> bool:
     """Show and keep the next piece; False at the end, or where nobody looks any more."""
     piece = stream.read()
     log.write(piece)
+    # A fork copies what is still in the buffer, and both processes would write it.
     log.flush()
     return bool(piece) and stream.show(piece)
 
@@ -166,6 +170,7 @@ def _go_on(streams: Sequence[_Stream], log: BinaryIO) -> None:
     try:
         _copy_rest(streams, log)
     finally:
+        # `sys.exit` would run our caller's `finally` blocks, and write its buffers a second time.
         os._exit(0)
 
 
@@ -195,6 +200,7 @@ class _Signals:
         self.before: Dict[int, Any] = {}
 
     def __enter__(self) -> _Signals:
+        # SIGINT gets a handler that does nothing, not SIG_IGN: the command would inherit that, and miss Ctrl-C.
         for names, handler in (
             (("SIGINT", "SIGQUIT"), self._leave),
             (("SIGTERM", "SIGHUP"), self._forward),

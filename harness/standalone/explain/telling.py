@@ -239,6 +239,7 @@ RENDER = re.compile(
 
 def _phase(text: str, gave_up: Optional[str], region: str) -> Optional[str]:
     """Return the phase that may have failed, judged by the text; None if nothing shows it."""
+    # A failed build also prints tracebacks and an installer's reason, which would suggest other phases.
     if BUILD.search(text):
         return "install"
     if gave_up:
@@ -272,6 +273,7 @@ def _of_traceback(exception: str, region: str, *, echoed: bool) -> str:
 
 # --- what was killed -------------------------------------------------------------------------------------------
 
+# A shell writes SIGKILL as exit code 137 (128 and its number, 9), Python as -9.
 KILLED = (
     (re.compile(r"\bkilled by (SIG[A-Z]+)|<Signals\.(SIG[A-Z]+)|\((SIG[A-Z]+)\)"), ""),
     (
