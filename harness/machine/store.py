@@ -28,7 +28,7 @@ from harness.model.hostile_data import Absent, Unreadable, understanding
 T = TypeVar("T")
 
 REMEMBERED = 16
-"""Results of a kind that `remembered` keeps: several checkouts share a cache."""
+"""Results of a kind that `load_or_make` keeps: several checkouts share a cache."""
 
 MOST_RECORD, MOST_INSTANT = 256 << 20, 100
 """Bytes that are read of a record, and of an instant."""

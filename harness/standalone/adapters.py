@@ -66,7 +66,7 @@ def encode_declarations() -> bytes:
 
 
 def read(content: bytes) -> Dict[str, Adapter]:
-    """Read declarations in the form that `carried` returns."""
+    """Read declarations in the form that `encode_declarations` returns."""
     plain: Dict[str, Dict[str, Any]] = json.loads(content.decode())
     for fields in plain.values():
         fields.update({name: tuple(value) for name, value in fields.items() if isinstance(value, list)})

@@ -1,6 +1,6 @@
 """Match known failures against the output of a failure, the deepest cause first.
 
-A known failure is looked at by its attributes only: those of `Known` here, or of the host's `signatures.Signature`.
+A known failure is looked at by its attributes only: those of `Signature` here, or of the host's `signatures.Signature`.
 """
 
 from __future__ import annotations

@@ -43,7 +43,7 @@ def speakers(requirements: Iterable[str]) -> tuple[Speaker, ...]:
 
 
 def find_api(env: str, requirements: Collection[str]) -> str | None:
-    """Return the API for an id that names none: gym or gymnasium, whichever is required first, else `meant`."""
+    """Return the API for an id that names none: gym or gymnasium, whichever is required first, else `guess_api`."""
     named = next((name for name in map(required_name, requirements) if name in FAMILY), None)
     return named or guess_api(env, requirements)
 

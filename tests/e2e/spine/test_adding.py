@@ -41,7 +41,7 @@ def drawn(traceback, **facts):
 print(json.dumps({
     "weight": keys.weight("fake-pointmass"),
     "module": keys.MODULES.get("fake-pointmass"),
-    "api": speaking.meant("light", ["fake-pointmass"]),
+    "api": speaking.guess_api("light", ["fake-pointmass"]),
     "set": settings({"MUJOCO_GL": "egl"}, ["fake-pointmass"]),
     "loaded": drawn("", loaded=["fake_pointmass"]),
     "code": drawn('  File "$ENV/site-packages/fake_pointmass/egl.py", line 1'),
