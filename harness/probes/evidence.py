@@ -92,7 +92,7 @@ class Host:
     """The facts of the host about a run, which no process in the cell could report.
 
     `python` is the version that the environment was made with, `undrawable` maps a way to draw to why it cannot be used
-    here (`this_machine.explain_undrawable`), `conditions` marks the system. `stood` is whether the environment still was as it was
+    here (`explain_undrawable`), `conditions` marks the system. `stood` is whether the environment still was as it was
     installed, `bare_start` why not even Python starts there, where it does not. `shares_memory` is whether there was a
     /dev/shm to write to. `source` is whether a suite's copy of the source could be made, else why not.
     """

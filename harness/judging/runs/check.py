@@ -108,7 +108,7 @@ def reachable(phase: Phase, outcomes: Mapping[Phase, Outcome]) -> bool:
 
 
 def check_record(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str]) -> CheckRecord:
-    """Return the record of one check. `undrawable` says why OpenGL cannot draw here (`this_machine.explain_undrawable`)."""
+    """Return the record of one check. `undrawable` says why OpenGL cannot draw here (`explain_undrawable`)."""
     outcome, decisive, mask = _outcome(reply, ending, undrawable)
     shortage = ending.lost or _shortage(reply, decisive or "", ending) if outcome in FAILING else None
     if shortage:

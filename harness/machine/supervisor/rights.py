@@ -73,7 +73,7 @@ def tolerated(step: Callable[[], object]) -> None:
 
 
 def drop_now() -> None:
-    """Keep of our own capabilities only `CAPABILITY_MASK`: with no_new_privs no program that is started gets them back."""
+    """Keep only `CAPABILITY_MASK` of our capabilities: with no_new_privs no program that is started gets more back."""
     header, sets = (ctypes.c_uint32 * 2)(CAPABILITY_VERSION, 0), (ctypes.c_uint32 * 6)()
     call("capget", header, sets)
     for number in range(6):  # effective, permitted, inheritable: of the capabilities below 32, then of those above
