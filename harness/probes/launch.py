@@ -142,13 +142,7 @@ def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left:
     (scratch / "request.json").write_text(wire.request_to_json(request))
     with site.code(folder, case.api, case.imports, case.providers, case.beside) as code:
         command = process.Command(
-            argv=(
-                str(folder / site.python.relative_to(site.folder)),
-                # -I would ignore the PYTHONPATH of the case.
-                "-s",
-                str(INCELL / "bootstrap.py"),
-                str(scratch / "request.json"),
-            ),
+            argv=_bootstrap(folder / site.python.relative_to(site.folder), scratch / "request.json"),
             cwd=home,
             env=site.run_variables(home, code),
             limits=process.Limits(seconds=STARTUP_SECONDS + sum(allowed.values()), memory_mb=case.memory_mb),
@@ -188,6 +182,11 @@ def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left:
             **places,
         },
     )
+
+
+def _bootstrap(python: Path, request: Path) -> tuple[str, ...]:
+    # -s and not -I, which would ignore the PYTHONPATH of the case.
+    return str(python), "-s", str(INCELL / "bootstrap.py"), str(request)
 
 
 def _full(folder: Path) -> bool:

@@ -329,9 +329,7 @@ def _make(
         remove_folder(path)
         return warmed
     if how.below:
-        (site,), (more,) = (list(site_packages.folders(one)) for one in (path, how.below))
-        # With a bare path instead of `addsitedir` the .pth files of the environment below would not run.
-        (site / site_packages.LEADS_ON).write_text(f"import site; site.addsitedir({str(more)!r})\n", encoding="utf-8")
+        _lead_on(path, how.below)
     stamp = _Stamp(
         key=_key(path),
         link_mode=link_mode,
@@ -343,6 +341,13 @@ def _make(
     )
     write_atomic(path / STAMP, msgspec.json.encode(stamp))
     return stamp
+
+
+def _lead_on(path: Path, below: Path) -> None:
+    """Let an environment import what the environment below it has."""
+    (site,), (more,) = (list(site_packages.folders(one)) for one in (path, below))
+    # With a bare path instead of `addsitedir` the .pth files of the environment below would not run.
+    (site / site_packages.LEADS_ON).write_text(f"import site; site.addsitedir({str(more)!r})\n", encoding="utf-8")
 
 
 def _named(failed: Step, wheels: Iterable[Wheel]) -> set[str]:
