@@ -70,6 +70,7 @@ def cell_of(number: int, entry: dict) -> Cell:
         requirements=tuple(entry["requirements"]),
         only_binary=tuple(entry.get("only_binary", ())),
         python=entry["python"],
+        environment=entry.get("environment", {}),
         envs=tuple(case["env"] for case in entry["cases"]),
         api=entry["cases"][0]["api"],
         as_of=str(entry["snapshot"]),
