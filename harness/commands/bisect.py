@@ -16,7 +16,8 @@ from harness.judging.assess import assess
 from harness.machine import interpreters, store
 from harness.machine.store import Store
 from harness.matrix import plan
-from harness.model import Cell, Change, Interpreter, cellid
+from harness.model import Cell, Change, Interpreter
+from harness.model.cellid import CellId
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.schema import locate_errors
 from harness.model.vocabulary import PackageName
@@ -273,7 +274,7 @@ def _folder(request: BisectRequest) -> Path:
     sure = [f"confidence-{args.confidence:g}"] if args.confidence != CONFIDENCE else []
     # Another question about the same cell has another folder, so no certificate replaces one that says something else.
     words = (f"along-{request.axis.strip('-')}", *ends, *flags, *sure)
-    return request.opened.folder / "bisects" / cellid.folder(request.cell.id, *words)
+    return request.opened.folder / "bisects" / CellId.parse(request.cell.id).folder(*words)
 
 
 def _write(certificate: BisectDocument, done: BisectionResult, opened: Store, folder: Path) -> BisectDocument:

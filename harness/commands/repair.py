@@ -15,7 +15,8 @@ import msgspec
 from harness.commands import ad_hoc_cell, find_cell
 from harness.machine import store
 from harness.machine.store import Store
-from harness.model import Cell, CellRecord, cellid
+from harness.model import Cell, CellRecord
+from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.reports import publishing
 from harness.reports.text import progress
@@ -143,7 +144,7 @@ def _lab(base: Cell, opened: Store, settings: scheduler.Settings, bounds: Bounds
 
 
 def _folder(opened: Store, base: Cell) -> Path:
-    return opened.folder / "repairs" / cellid.folder(base.id)
+    return opened.folder / "repairs" / CellId.parse(base.id).folder()
 
 
 def write(document: RepairDocument, repaired: RepairResult, opened: Store, folder: Path) -> RepairDocument:

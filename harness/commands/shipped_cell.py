@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from harness.model import cellid
+from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.model.report_types import Document
 from harness.reports import document, publishing
@@ -50,5 +51,5 @@ def lock_of(cell: str) -> lock_files.MeasuredLock:
 
 def _documents(pattern: str) -> list[tuple[Document, Path]]:
     """Return the report that an id names, or all of them, with their files."""
-    report = shipped_reports.load(pattern.partition("/")[0]) if "/" in pattern else None
+    report = shipped_reports.load(CellId.parse(pattern).matrix) if "/" in pattern else None
     return [report] if report else list(shipped_reports.load_all())

@@ -81,7 +81,7 @@ def main(args: argparse.Namespace) -> int:
 def _show_shipped(report: Document, *, issue: bool) -> None:
     """Print a cell that was measured elsewhere, or before."""
     for entry in report.cells:
-        again = shlex.join(["simmatrix", "run", entry.matrix, "-k", entry.id.partition("/")[2]])
+        again = shlex.join(["simmatrix", "run", entry.matrix, "-k", entry.label])
         if issue:
             message = f"show {entry.id} --issue: was not run here; run it first: {again}"
             raise BadInput(message)

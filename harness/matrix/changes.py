@@ -7,7 +7,8 @@ from dataclasses import fields, replace
 from typing import Any
 
 from harness.matrix import overlay_recipes
-from harness.model import Cell, Change, Question, Repair, cellid
+from harness.model import Cell, Change, Question, Repair
+from harness.model.cellid import CellId
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.standalone import remedies
 
@@ -87,7 +88,7 @@ def _with_extras(new: Iterable[str], old: Iterable[str]) -> Iterator[str]:
 
 def id_of(cell: Cell, name: str, change: Change) -> str:
     """Return the id of a cell with a change of this name; it says where the cell runs on another Python."""
-    return cellid.build_changed(cell.id, name, change.python if change.python != cell.python else None)
+    return str(CellId.parse(cell.id).changed(name, change.python if change.python != cell.python else None))
 
 
 def same(cell: Cell, other: Cell) -> bool:

@@ -62,19 +62,43 @@ T = TypeVar("T", bound=Named)
 # --- built -----------------------------------------------------------------------------------------------------
 
 
-def build(matrix: str, parts: Iterable[str]) -> str:
-    """Return the id of a cell of a matrix."""
-    return f"{matrix}/{BETWEEN.join(parts)}"
+class CellId(NamedTuple):
+    """The id of a cell, `MATRIX/LABEL`: `str` writes it, `parse` reads it. A text without `/` is a label alone."""
 
+    matrix: str
+    label: str
 
-def label(cell_id: str) -> str:
-    """Return the part of an id after the name of the matrix; a text that has none is its own label."""
-    return cell_id.partition("/")[2] or cell_id
+    @classmethod
+    def parse(cls, text: str) -> CellId:
+        """Return the id that a text stands for."""
+        name, slash, rest = text.partition("/")
+        return cls(name, rest) if slash else cls("", text)
 
+    @classmethod
+    def build(cls, matrix: str, parts: Iterable[str]) -> CellId:
+        """Return the id of a cell of a matrix."""
+        return cls(matrix, BETWEEN.join(parts))
 
-def matrix(cell_id: str) -> str:
-    """Return the name of the matrix that an id begins with."""
-    return cell_id.partition("/")[0]
+    def __str__(self) -> str:
+        return f"{self.matrix}/{self.label}" if self.matrix else self.label
+
+    def matches(self, glob: str) -> bool:
+        """Return whether a glob matches the id or the label."""
+        return fnmatchcase(str(self), glob) or fnmatchcase(self.label, glob)
+
+    def changed(self, name: str, python: str | None = None) -> CellId:
+        """Return the id of a changed cell; `python` is the version that the change takes, where it takes one."""
+        slug = spell(name)
+        on = f"-on-py{python}" if python and slug != f"py{python}" else ""
+        ending = f"{BETWEEN}{WITH}{slug}{on}"
+        return CellId(self.matrix, shorten(self.label, LONGEST - len(ending)) + ending)
+
+    def folder(self, *words: str) -> str:
+        """Return the folder, below another, of what was asked of a cell: no two questions have the same one."""
+        name = BETWEEN.join(map(spell, words))
+        exact = all(re.fullmatch(r"[A-Za-z0-9.+-]+", word) for word in words)
+        inner = shorten(name if exact else f"{name}-{digest(repr(words))}")
+        return "/".join(filter(None, (re.sub(r"[^A-Za-z0-9._+-]", "-", self.matrix), self.label, inner)))
 
 
 def spell(text: str) -> str:
@@ -85,14 +109,6 @@ def spell(text: str) -> str:
 def package(name: str, version: str) -> str:
     """Return the part of a package and its version, or `absent`."""
     return f"{spell(name)}-{spell(version)}"
-
-
-def build_changed(cell_id: str, name: str, python: str | None = None) -> str:
-    """Return the id of a changed cell; `python` is the version that the change takes, where it takes one."""
-    slug = spell(name)
-    on = f"-on-py{python}" if python and slug != f"py{python}" else ""
-    ending = f"{BETWEEN}{WITH}{slug}{on}"
-    return f"{matrix(cell_id)}/{shorten(label(cell_id), LONGEST - len(ending))}{ending}"
 
 
 def of_changed(glob: str) -> bool:
@@ -111,14 +127,6 @@ def shorten(text: str, longest: int = LONGEST) -> str:
 def digest(text: str) -> str:
     """Return the eight digits that stand for a text where it is too long or cannot be spelled."""
     return sha256(text.encode()).hexdigest()[:8]
-
-
-def folder(cell_id: str, *words: str) -> str:
-    """Return the folder, below another, of what was asked of a cell: no two questions have the same one."""
-    name = BETWEEN.join(map(spell, words))
-    exact = all(re.fullmatch(r"[A-Za-z0-9.+-]+", word) for word in words)
-    inner = shorten(name if exact else f"{name}-{digest(repr(words))}")
-    return "/".join(filter(None, (re.sub(r"[^A-Za-z0-9._+-]", "-", matrix(cell_id)), label(cell_id), inner)))
 
 
 def as_folder(text: str) -> str:
@@ -212,28 +220,26 @@ def _normal(name: str) -> str:
 
 def fits(pattern: str, cell: Named) -> bool:
     """Return whether a glob matches the id or the label of a cell, in the present form or the one before."""
-    return any(fnmatchcase(name, pattern) for name in (cell.id, label(cell.id))) or any(
-        fnmatchcase(name, pattern) for name in _older_names(cell)
-    )
+    return any(name.matches(pattern) for name in _names(cell))
 
 
 def has_name(text: str, cell: Named) -> bool:
     """Return whether a text is the id or the label of a cell, in the present form or the one before."""
-    return text in {cell.id, label(cell.id)} or text in _older_names(cell)
+    return any(text in {str(name), name.label} for name in _names(cell))
 
 
 def select(pattern: str, cells: Sequence[T]) -> list[T]:
     """Return the cells that an id or a label names, else those that a glob matches."""
-    exact = [cell for cell in cells if pattern in {cell.id, label(cell.id)}]
+    exact = [cell for cell in cells if pattern in {cell.id, CellId.parse(cell.id).label}]
     return (
         exact or [cell for cell in cells if has_name(pattern, cell)] or [cell for cell in cells if fits(pattern, cell)]
     )
 
 
-def _older_names(cell: Named) -> Iterator[str]:
-    before = to_old_form(cell)
-    if before != cell.id:
-        yield from (before, label(before))
+def _names(cell: Named) -> Iterator[CellId]:
+    """Yield the id in the present form, then in the one before."""
+    yield CellId.parse(cell.id)
+    yield CellId.parse(to_old_form(cell))
 
 
 # --- the form before -------------------------------------------------------------------------------------------
@@ -241,7 +247,8 @@ def _older_names(cell: Named) -> Iterator[str]:
 
 def to_old_form(cell: Named) -> str:
     """Return the id that earlier versions gave a cell."""
-    return f"{matrix(cell.id)}/{_older(label(cell.id), tuple(cell.axes.items()))}"
+    matrix, label = CellId.parse(cell.id)
+    return str(CellId(matrix, _older(label, tuple(cell.axes.items()))))
 
 
 # Each glob that does not fit a cell asks for the older name of that cell again.
@@ -282,15 +289,15 @@ def to_current_form(cell_id: str, axes: Mapping[str, str], python: str | None = 
 
     The axes may stand in any order, as a document has them.
     """
-    text = label(cell_id)
+    matrix, text = CellId.parse(cell_id)
     # An ad-hoc label holds more than the values of its axes, so they cannot take it apart.
-    if matrix(cell_id) == TRY or _arranged(text.partition(f"{BETWEEN}{WITH}")[0], axes, BETWEEN, 0):
+    if matrix == TRY or _arranged(text.partition(f"{BETWEEN}{WITH}")[0], axes, BETWEEN, 0):
         return cell_id
     for body, tail in _bodies(text):
         if parts := _arranged(body, axes, "-", 1):
-            new_id = build(matrix(cell_id), parts)
+            new_id = CellId.build(matrix, parts)
             on = python if python and VERSION.fullmatch(python) and python != axes.get(PYTHON) else None
-            return build_changed(new_id, tail, on) if tail else new_id
+            return str(new_id.changed(tail, on) if tail else new_id)
     return cell_id
 
 
@@ -326,7 +333,7 @@ def newer_left_out(cell_id: str, values: Mapping[str, Iterable[str]]) -> str:
     translations = {name: {old: new for value in known for new, old in _renderings([(name, value)])} | {"*": "*"}
              for name, known in values.items()}  # fmt: skip
     ranges = {name: r"py\d[\d.]*" if name == PYTHON else rf"{re.escape(name)}\d[^-]*" for name in values}
-    text = label(cell_id)
+    matrix, text = CellId.parse(cell_id)
     if BETWEEN in text and re.fullmatch(BETWEEN.join("(.+)" for _ in values), text):
         return cell_id
     choices = (
@@ -336,7 +343,7 @@ def newer_left_out(cell_id: str, values: Mapping[str, Iterable[str]]) -> str:
     if not match:
         return cell_id
     parts = zip(values, match.groups(), strict=True)
-    return build(matrix(cell_id), [translations[name].get(part) or _unseen(name, part) for name, part in parts])
+    return str(CellId.build(matrix, [translations[name].get(part) or _unseen(name, part) for name, part in parts]))
 
 
 def _unseen(name: str, part: str) -> str:

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import msgspec
 
 from harness.model import Level, Outcome, Phase, Role, Verdict
+from harness.model.cellid import CellId
 
 SEVERITY = (
     Verdict.UNRESOLVABLE,
@@ -275,6 +276,11 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     base: str | None = None
     change: ChangeEntry | None = None
     role: Role = Role.MAIN
+
+    @property
+    def label(self) -> str:
+        """Return the part of the id after the matrix name."""
+        return CellId.parse(self.id).label
 
     @property
     def observed(self) -> None:

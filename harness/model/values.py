@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from harness.model import cellid
+from harness.model.cellid import CellId
 
 
 class Phase(StrEnum):
@@ -361,7 +361,7 @@ class Cell:
     @property
     def label(self) -> str:
         """Return the part of the id after the matrix name."""
-        return cellid.label(self.id)
+        return CellId.parse(self.id).label
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -21,6 +21,7 @@ from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
 from harness.matrix import changes
 from harness.matrix.signatures import Signature, machine_applicable
 from harness.model import Cell, CellRecord, IndexSettings, Outcome, Phase, Plan, Repair, Role, Verdict, cellid, schema
+from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.model.report_types import (
     REPAIR,
@@ -354,10 +355,10 @@ def _renamed(document: Document) -> Document:
 
 
 def _left_out(cell_id: str, document: Document) -> str:
-    entry = document.matrices.get(cellid.matrix(cell_id))
+    entry = document.matrices.get(CellId.parse(cell_id).matrix)
     if entry is None:
         return cell_id
-    cells = [cell for cell in document.cells if cell.matrix == cellid.matrix(cell_id)]
+    cells = [cell for cell in document.cells if cell.matrix == CellId.parse(cell_id).matrix]
     values = {axis: dict.fromkeys(cell.axes[axis] for cell in cells if axis in cell.axes) for axis in entry.axes}
     return cellid.newer_left_out(cell_id, values)
 

@@ -11,7 +11,8 @@ from harness.matrix.matrix_types import NO_CHANGES, Changes, Chosen, Matrix, Unr
 from harness.matrix.plan.choices import Choice, Combination
 from harness.matrix.plan.covering import Row, covering
 from harness.matrix.plan.strategies import Candidates, weight
-from harness.model import Cell, cellid
+from harness.model import Cell
+from harness.model.cellid import CellId
 from harness.model.schema import locate_errors
 from harness.model.vocabulary import ABSENT, Kind
 
@@ -114,7 +115,7 @@ class _Search:
         gone = {f"{choice.axis}=={choice.text}" for choice in set(whole) - set(part) if _is_pin(choice)}
         requirements = tuple(text for text in question.requirements if text not in gone)
         return Cell(
-            id=cellid.build(name, [choice.label for choice in part]),
+            id=str(CellId.build(name, [choice.label for choice in part])),
             matrix=name,
             axes={choice.axis: choice.text for choice in part},
             python=next(choice.literal for choice in whole if choice.kind is Kind.PYTHON),

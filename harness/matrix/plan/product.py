@@ -17,6 +17,7 @@ from harness.matrix.plan.covering import number_of_parts
 from harness.matrix.plan.sources import Sources
 from harness.matrix.plan.strategies import Axes, Candidates, baseline_combinations
 from harness.model import Case, Cell, Dropped, Expectation, Plan, Suite, cellid
+from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.model.schema import locate_errors, suggestion
 from harness.model.vocabulary import Kind
@@ -147,7 +148,7 @@ class _SortedOut:
             message = f"more than {MOST:,} combinations with those that changes make; restrict a change by its `when`"
             raise ValueError(message)
         twin = self._folders.setdefault(cellid.as_folder(name), name)
-        label = cellid.label(name)
+        label = CellId.parse(name).label
         if name in self.planned or name in self.dropped or twin != name:
             message = f'"{twin}" and "{name}" cannot be told apart; rename a label'
             raise ValueError(message)
@@ -205,7 +206,7 @@ def _include(sorted_out: _SortedOut, matrix: Matrix, combination: Combination, c
 
 
 def _id(matrix: Matrix, combination: Combination) -> str:
-    return cellid.build(matrix.name, [choice.label for choice in combination])
+    return str(CellId.build(matrix.name, [choice.label for choice in combination]))
 
 
 # --- cells -----------------------------------------------------------------------------------------------------

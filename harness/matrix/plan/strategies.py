@@ -20,7 +20,8 @@ from harness.matrix.plan.choices import Choice, Combination
 from harness.matrix.plan.contents import Contents
 from harness.matrix.plan.covering import Part, Row, uncovered
 from harness.matrix.version_ranges import Breaks, boundaries
-from harness.model import Dropped, cellid
+from harness.model import Dropped
+from harness.model.cellid import CellId
 from harness.model.schema import locate_errors, suggestion
 from harness.model.vocabulary import ABSENT, Kind
 
@@ -168,10 +169,10 @@ class Candidates:
         for named in self.matrix.strategy.baselines:
             base = _baseline(self.matrix, self.axes, named)
             if base not in labels:
-                name = cellid.build(self.matrix.name, [choice.label for choice in base])
-                why = self.excluded[name]
+                cell_id = CellId.build(self.matrix.name, [choice.label for choice in base])
+                why = self.excluded[str(cell_id)]
                 message = (
-                    f'the baseline "{cellid.label(name)}" is left out ({why}); name another: {{ baseline = {{ ... }} }}'
+                    f'the baseline "{cell_id.label}" is left out ({why}); name another: {{ baseline = {{ ... }} }}'
                 )
                 raise ValueError(message)
 
@@ -212,7 +213,7 @@ class Candidates:
             )
             if gone:
                 reason = f"does not resolve: {entry.reason}"
-                yield Dropped(id=cellid.build(self.matrix.name, parts), reason=reason, count=len(gone))
+                yield Dropped(id=str(CellId.build(self.matrix.name, parts)), reason=reason, count=len(gone))
         if rest:
             listed = [each for name, each in self.combinations.items() if name in chosen]
             yield Dropped(id=f"{self.matrix.name}/*", reason=self._unchosen(listed), count=len(rest))

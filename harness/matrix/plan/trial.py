@@ -14,7 +14,7 @@ from harness.matrix import overlay_recipes
 from harness.matrix.plan.contents import IMPORTED
 from harness.matrix.plan.speaking import find_api, guess_api, speakers
 from harness.model import Case, Cell, IndexSettings, Phase, Plan, Question, Repair, Subject, cellid
-from harness.model.cellid import Detail
+from harness.model.cellid import CellId, Detail
 from harness.model.errors import BadInput
 from harness.model.schema import locate_errors, suggestion
 from harness.model.vocabulary import (
@@ -98,7 +98,7 @@ def single(options: TrialOptions) -> Plan:
         subject=options.subject,
         asked=tuple(dict.fromkeys(required_name(text) for text in options.requirements if text not in options.listed)),
     )
-    cell = replace(cell, id=cellid.build(NAME, [_label(cell, dated=options.as_of is not None)]))
+    cell = replace(cell, id=str(CellId.build(NAME, [_label(cell, dated=options.as_of is not None)])))
     return Plan(matrix=NAME, cells=(cell,), axes=tuple(axes))
 
 

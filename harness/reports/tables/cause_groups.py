@@ -10,7 +10,6 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
-from harness.model import cellid
 from harness.model.report_types import REPAIR, SEVERITY, CellEntry, format_count
 from harness.model.vocabulary import CHANGING, parsed_requirement
 from harness.reports.tables import change_effects, verdict_reasons
@@ -81,7 +80,7 @@ def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequen
         line=explanations[0].decisive,
         remedy="; ".join(cures[0].change.does) if found_out and cures[0].change else failure.remedy if failure else "",
         applicable=found_out or (failure.applicable if failure else False),
-        proofs=tuple((cellid.label(cell.id), cell.lock or "") for cell in cures) if found_out else proofs,
+        proofs=tuple((cell.label, cell.lock or "") for cell in cures) if found_out else proofs,
         references=tuple(dict.fromkeys((*(failure.references if failure else ()), *links))),
         explanations=explanations,
         proven=len({cell.base for cell in cures} if found_out else proven),
@@ -120,10 +119,10 @@ def _neighbours(group: Iterable[CellEntry], cells: Sequence[CellEntry]) -> tuple
             differing = {axis for axis in cell.axes if cell.axes[axis] != other.axes.get(axis)}
             version = _parsed(installed[canonicalize_name(wanted[0].name)]) or Version("0")
             if differing and differing <= names:
-                alone.append((version, cellid.label(other.id)))
+                alone.append((version, other.label))
             # An axis such as `bounds` may differ, too; another Python or package would be another explanation.
             elif differing and not {"python", *installed, *(cell.installed or {})} & (differing - names):
-                together.append((version, cellid.label(other.id)))
+                together.append((version, other.label))
     return max(alone, default=(None, ""))[1], max(together, default=(None, ""))[1]
 
 
@@ -159,12 +158,12 @@ def _named(labels: Sequence[str]) -> str:
 
 def which(group: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
     """Describe these cells: a few by their names, more by the values of their axes."""
-    return _named([*dict.fromkeys(cellid.label(cell.id) for cell in group)]) or where(group, cells, axes)
+    return _named([*dict.fromkeys(cell.label for cell in group)]) or where(group, cells, axes)
 
 
 def where(group: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
     """Describe these cells of a matrix: `all 12 cells with mujoco 4.0.0`; of changed cells the first names."""
-    labels = tuple(dict.fromkeys(cellid.label(cell.id) for cell in group))
+    labels = tuple(dict.fromkeys(cell.label for cell in group))
     if any(cell.base for cell in group):
         return f"{_named(labels[:NAMED])} and {format_count(len(labels) - NAMED, 'more cell')}"
     planned = [*{cell.id: cell.axes for cell in cells if cell.base is None}.values()]

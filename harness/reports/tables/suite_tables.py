@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from harness.model import Outcome, cellid
+from harness.model import Outcome
 from harness.model.report_types import CellEntry, SuiteEntry, word
 from harness.reports.tables import cause_groups
 from harness.reports.tables.squares import NOTHING
@@ -39,11 +39,11 @@ def changes(cells: Sequence[CellEntry], axes: Sequence[str]) -> Iterator[SuiteCh
         other = next((one for one in near if _failed(one) != _failed(cell)), near[0] if near else None)
         here, there = _failed(cell), _failed(other) if other else set()
         yield SuiteChange(
-            cell=cellid.label(cell.id),
+            cell=cell.label,
             tests=tests(cell),
             decisive=suite.decisive or "",
             known=_find_issue(suite),
-            neighbour=cellid.label(other.id) if other else "",
+            neighbour=other.label if other else "",
             fails=tuple(sorted(here - there)),
             passes=tuple(sorted(there - here)),
         )

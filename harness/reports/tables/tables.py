@@ -6,7 +6,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from harness.model import Outcome, Phase, Role, Verdict, cellid
+from harness.model import Outcome, Phase, Role, Verdict
+from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.model.report_types import SEVERITY, UNTOLD, CaseEntry, CellEntry, Document, MatrixEntry, RepairEntry
 from harness.model.vocabulary import settings as settings  # noqa: PLC0414 - others take it from here
@@ -71,7 +72,7 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
     pivot_axes = pivot if pivot and set(pivot) <= set(matrix.axes) else matrix.pivot
     main = [cell for cell in cells if cell.role is Role.MAIN]
     chosen = pivot_axes or squares.default_axes(matrix.axes, main)
-    dropped = [gone for gone in document.dropped if cellid.matrix(gone.id) == name]
+    dropped = [gone for gone in document.dropped if CellId.parse(gone.id).matrix == name]
     ids = {role: dict.fromkeys(cell.id for cell in cells if cell.role is role) for role in Role}
     bad = {cell.id for cell in main if cell.verdict not in {*UNTOLD, Verdict.WORKS}}
     works = {cell.id for cell in main if cell.verdict is Verdict.WORKS} - bad
@@ -170,7 +171,7 @@ def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
     passed, tried = squares.tasks([cell])
     return Row(
         id=cell.id,
-        label=cellid.label(cell.id),
+        label=cell.label,
         verdict=cell.verdict,
         as_expected=cell.as_expected,
         phase=verdict_reasons.failed_in(cell),
@@ -232,7 +233,7 @@ def _findings(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[Remark, 
         Remark(
             about=f"{', '.join(dict.fromkeys(check for check, _ in found))}; {level}",
             text=text,
-            cells=tuple(dict.fromkeys(cellid.label(cell.id) for _, cell in found)),
+            cells=tuple(dict.fromkeys(cell.label for _, cell in found)),
             where=cause_groups.which([cell for _, cell in found], cells, axes),
             kind=kind,
         )
@@ -249,7 +250,7 @@ def _dropped(gone: Iterable[tuple[str, str, int]]) -> tuple[Remark, ...]:
     """Group (reason, id or pattern, how many combinations) by reason, those of most combinations first."""
     groups: dict[str, list[tuple[str, int]]] = {}
     for reason, name, count in gone:
-        groups.setdefault(reason, []).append((cellid.label(name), count))
+        groups.setdefault(reason, []).append((CellId.parse(name).label, count))
     remarks = [
         Remark(about="", text=reason, cells=tuple(name for name, _ in held), count=sum(count for _, count in held))
         for reason, held in groups.items()
@@ -261,6 +262,6 @@ def _grouped(notes: Iterable[tuple[str, str, str]]) -> tuple[Remark, ...]:
     """Group (text, what it is about, cell id) by text and subject, those of most cells first."""
     groups: dict[tuple[str, str], list[str]] = {}
     for text, about, cell_id in notes:
-        groups.setdefault((about, text), []).append(cellid.label(cell_id))
+        groups.setdefault((about, text), []).append(CellId.parse(cell_id).label)
     remarks = [Remark(about=about, text=text, cells=tuple(dict.fromkeys(ids))) for (about, text), ids in groups.items()]
     return tuple(sorted(remarks, key=lambda remark: -len(remark.cells)))

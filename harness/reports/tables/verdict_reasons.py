@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from harness.matrix import changes
-from harness.model import Verdict, cellid
+from harness.model import Verdict
+from harness.model.cellid import CellId
 from harness.model.report_types import CellEntry, word
 from harness.reports.tables import change_effects
 from harness.reports.tables.counted_failures import counted
@@ -54,7 +55,7 @@ def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Ca
             cause=diagnosis.cause,
             remedy=changes.in_words(diagnosis.remedy),
             applicable=any(key != "text" for key in diagnosis.remedy),
-            proofs=tuple((cellid.label(proof), locks.get(proof, "")) for proof in dict.fromkeys(proofs)),
+            proofs=tuple((CellId.parse(proof).label, locks.get(proof, "")) for proof in dict.fromkeys(proofs)),
             references=diagnosis.references,
         )
 
@@ -64,7 +65,7 @@ def describe_cause(cell: CellEntry) -> dict[str, Any]:
     deepest = next(iter(counted(cell)), None)
     if deepest is None:
         return {}
-    proof = f" (proven by {cellid.label(deepest.proof)})" if deepest.proof else ""
+    proof = f" (proven by {CellId.parse(deepest.proof).label})" if deepest.proof else ""
     remedy = changes.in_words(deepest.remedy) + proof
     return {"cause": deepest.cause, "remedy": remedy, "proven": deepest.proven, "known": deepest.signature}
 
@@ -77,7 +78,7 @@ def attempts(cells: Sequence[CellEntry]) -> Iterator[Attempt]:
             continue
         before = cells_by_key.get((after.base, after.machine))
         yield Attempt(
-            cell=cellid.label(after.base),
+            cell=CellId.parse(after.base).label,
             before=_stands(before) if before else "not run",
             change=after.change.name,
             does=after.change.does,
@@ -104,7 +105,7 @@ def _labels(cells: Iterable[CellEntry], results: Mapping[str, int]) -> tuple[str
     for cell in cells:
         machines.setdefault(cell.id, []).append(cell.machine or NOTHING)
     return tuple(
-        cellid.label(cell_id) + ("" if len(found) == results[cell_id] else f" on {', '.join(found)}")
+        CellId.parse(cell_id).label + ("" if len(found) == results[cell_id] else f" on {', '.join(found)}")
         for cell_id, found in machines.items()
     )
 

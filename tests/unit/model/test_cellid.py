@@ -17,6 +17,7 @@ from packaging.requirements import Requirement
 from harness.machine.store import Store
 from harness.matrix import plan
 from harness.model import CellRecord, IndexSettings, Subject, cellid
+from harness.model.cellid import CellId
 from harness.model.vocabulary import Instant
 from harness.reports import document
 from harness.reports.answers import result_index
@@ -115,7 +116,9 @@ def test_ids_of_different_questions_differ() -> None:
     ids += [asked("gymnasium==1.2.3", **more) for more in OPTIONS]
 
     assert len({name.casefold() for name in ids}) == len(ids)
-    assert all(LABEL.fullmatch(cellid.label(name)) and len(cellid.label(name)) <= cellid.LONGEST for name in ids)
+    assert all(
+        LABEL.fullmatch(CellId.parse(name).label) and len(CellId.parse(name).label) <= cellid.LONGEST for name in ids
+    )
 
 
 def test_options_together_are_another_question() -> None:
@@ -159,10 +162,10 @@ def test_certificates_of_different_questions_lie_apart() -> None:
     """The folder of a certificate carries the cell and all that was asked of it."""
     words = [("numpy",), ("numpy", "any"), ("numpy-any",), ("numpy", "bad-2.0"), ("numpy any",), ("numpy:any",)]
     cells = ("try/py3.11_numpy-lt2", "try/py3.11_numpy-ge2")
-    folders = {cellid.folder(name, *each) for name in cells for each in words}
+    folders = {CellId.parse(name).folder(*each) for name in cells for each in words}
 
     assert len(folders) == 2 * len(words)
-    assert cellid.folder("a/b_c", "along-x") == "a/b_c/along-x"
+    assert CellId.parse("a/b_c").folder("along-x") == "a/b_c/along-x"
 
 
 # --- changed cells ---------------------------------------------------------------------------------------------
@@ -172,19 +175,19 @@ def test_a_changed_cell_says_which_change_and_which_python() -> None:
     """A cell that runs on another Python than its base names it; a long base stays distinct."""
     long = [f"demo/py3.11_{'x' * 138}{end}" for end in "ab"]
 
-    assert cellid.build_changed("demo/py3.12_a", "repair") == "demo/py3.12_a_with-repair"
-    assert cellid.build_changed("demo/py3.12_a", "repair", "3.9") == "demo/py3.12_a_with-repair-on-py3.9"
-    assert cellid.build_changed("demo/py3.12_a", "py3.9", "3.9") == "demo/py3.12_a_with-py3.9"
-    changed = [cellid.build_changed(each, "repair") for each in long]
+    assert str(CellId.parse("demo/py3.12_a").changed("repair")) == "demo/py3.12_a_with-repair"
+    assert str(CellId.parse("demo/py3.12_a").changed("repair", "3.9")) == "demo/py3.12_a_with-repair-on-py3.9"
+    assert str(CellId.parse("demo/py3.12_a").changed("py3.9", "3.9")) == "demo/py3.12_a_with-py3.9"
+    changed = [str(CellId.parse(each).changed("repair")) for each in long]
     assert len({*changed}) == 2
-    assert all(len(cellid.label(each)) == cellid.LONGEST for each in changed)
+    assert all(len(CellId.parse(each).label) == cellid.LONGEST for each in changed)
 
 
 @pytest.mark.parametrize("file", sorted(REPORTS.glob("*/report.json")), ids=lambda file: file.parent.name)
 def test_no_committed_name_lies_about_its_python(file: Path) -> None:
     """The Python that a cell ran on is the one that its id names."""
     for cell in document.read(file.read_bytes(), file.name).cells:
-        named = re.findall(r"(?:^|-on-|_)py(\d[\d.]*\d)", cellid.label(cell.id))
+        named = re.findall(r"(?:^|-on-|_)py(\d[\d.]*\d)", CellId.parse(cell.id).label)
         assert cell.python is None or f"{cell.python}.".startswith(f"{named[-1]}."), cell.id
 
 
@@ -236,7 +239,7 @@ def test_every_committed_id_has_one_form(file: Path) -> None:
     plain = json.loads(text)
 
     assert [cell["id"] for cell in plain["cells"]] == [cell.id for cell in whole.cells]
-    assert all(LABEL.fullmatch(cellid.label(cell.id)) for cell in whole.cells)
+    assert all(LABEL.fullmatch(CellId.parse(cell.id).label) for cell in whole.cells)
     before = {cell.id: cellid.to_old_form(cell) for cell in whole.cells}
     for cell in plain["cells"]:
         cell["id"] = before[cell["id"]]
