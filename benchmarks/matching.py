@@ -16,9 +16,9 @@ from pathlib import Path
 
 from harness.running import shipped_signatures
 from harness.running.shipped_signatures import HEAD, TAIL
-from harness.standalone import matching
 from harness.standalone.explain.keeping import HEAD as FIRST
 from harness.standalone.explain.keeping import TAIL as LAST
+from harness.standalone.failures import matching
 
 HERE = Path(__file__).parent
 LINE = (

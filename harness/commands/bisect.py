@@ -32,8 +32,8 @@ from harness.rootcause.bisection.candidates import Candidate, Candidates, LineOp
 from harness.rootcause.bisection.certificates import BisectDocument
 from harness.rootcause.repair import candidate_changes, proofs
 from harness.running import open_matrix, scheduler, shipped_signatures
+from harness.standalone.failures.silent import plainly_good
 from harness.standalone.output import print_json
-from harness.standalone.silent import plainly_good
 
 HELP = (
     "Find where a cell stops working: along the releases of a package, the days of the index, or the Pythons of this"

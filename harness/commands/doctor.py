@@ -21,9 +21,10 @@ from harness.rootcause.doctor.doctor_rendering import Rendering
 from harness.rootcause.doctor.in_place import Tried
 from harness.rootcause.doctor.prove_in_copy import Proof
 from harness.running import shipped_signatures
-from harness.standalone import matching, wrapping
+from harness.standalone import wrapping
 from harness.standalone.doctor import doctor
 from harness.standalone.doctor.choosing import NoEnvironment
+from harness.standalone.failures import matching
 from harness.standalone.output import print_json
 
 HELP = (

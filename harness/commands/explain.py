@@ -19,10 +19,10 @@ from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.reports.answers import result_index
 from harness.reports.answers.recommended_text import wrapped
 from harness.running import issue_texts, shipped_signatures
-from harness.standalone import matching
 from harness.standalone.explain import explain
 from harness.standalone.explain.explain import HELP, split
 from harness.standalone.explain.wording import Place
+from harness.standalone.failures import matching
 
 __all__ = ["HELP", "Explained", "add_arguments", "main", "signatures", "split"]
 

@@ -19,8 +19,8 @@ from harness.judging.verdict import Judgement, Outcomes, judge
 from harness.matrix.signatures import Signature
 from harness.model import CASE_PHASES, RANK, CellRecord, Finding, Level, Observed, Phase, PhaseRecord, Verdict
 from harness.model.report_types import UNTOLD
-from harness.standalone import silent
-from harness.standalone.matching import Diagnosis, Evidence
+from harness.standalone.failures import silent
+from harness.standalone.failures.matching import Diagnosis, Evidence
 
 
 def assess(record: CellRecord, knowledge: Knowledge = NOTHING_KNOWN, today: str = "") -> Assessed:

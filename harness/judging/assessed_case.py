@@ -9,7 +9,7 @@ from functools import cached_property
 from harness.judging.counted_phases import counts, reason
 from harness.judging.runs import misleading
 from harness.model import CaseRecord, CheckRecord, Outcome, PhaseRecord, worst
-from harness.standalone import silent
+from harness.standalone.failures import silent
 
 DRAWN = ("api", "vendor", "renderer", "version", "device")
 LONGEST_TEXT = 300

@@ -10,7 +10,7 @@ from harness.model import Cell, Expectation, Observed, Outcome, Phase, Verdict
 from harness.model.report_types import SEVERITY, UNTOLD, ExpectationEntry
 from harness.model.words import contains as observes
 from harness.model.words import sentence_pattern
-from harness.standalone.silent import plainly_good
+from harness.standalone.failures.silent import plainly_good
 
 Names = Callable[[], Collection[str]]
 """Gives the ids of the known failures that an expectation may name; called only where one names any."""

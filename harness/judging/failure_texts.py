@@ -11,7 +11,7 @@ from harness.matrix.signatures import Sighting
 from harness.model import FAILING, CellRecord, Phase, PhaseRecord, Step
 from harness.model.words import in_words
 from harness.probes.wire import plain_records
-from harness.standalone.matching import Evidence
+from harness.standalone.failures.matching import Evidence
 
 KILLED = re.compile(r"\bkilled by (SIG[A-Z]+)")
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from harness.matrix.signatures import Signature
 from harness.model import Phase, Verdict
 from harness.model.report_types import UNTOLD
-from harness.standalone import counting, matching, silent
-from harness.standalone.counting import Fit
-from harness.standalone.matching import Around, Diagnosis, Evidence, diagnose
+from harness.standalone.failures import counting, matching, silent
+from harness.standalone.failures.counting import Fit
+from harness.standalone.failures.matching import Around, Diagnosis, Evidence, diagnose
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -10,7 +10,7 @@ import msgspec
 
 from harness.model.errors import BadInput
 from harness.model.report_types import format_count
-from harness.standalone.remedies import in_words
+from harness.standalone.failures.remedies import in_words
 
 if TYPE_CHECKING:
     from harness.matrix.signatures import Signature

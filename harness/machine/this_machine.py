@@ -25,7 +25,7 @@ from harness.machine.process import Command, Completed, Limits, Profile, run
 from harness.machine.store import cache_folder, digest, write_atomic
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import readers
-from harness.standalone.lines import normalise
+from harness.standalone.failures.lines import normalise
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 PROBE = Path(__file__).parent / "gl_probe.py"

@@ -10,7 +10,7 @@ from harness.matrix import overlay_recipes
 from harness.model import Cell, Change, Question, Repair
 from harness.model.cellid import CellId
 from harness.model.vocabulary import parsed_requirement, required_name
-from harness.standalone import remedies
+from harness.standalone.failures import remedies
 
 NEVER = "python_version < '0'"
 """The marker of an override that takes a package out, whoever asks for it."""

@@ -1,4 +1,4 @@
-"""Read signatures: patterns over evidence that name a cause and a remedy. `standalone/matching.py` matches them.
+"""Read signatures: patterns over evidence that name a cause and a remedy. `standalone/failures` matches them.
 
 A file of them (`signatures/FAMILY.toml`) is read by `read`. Their patterns are regular expressions that a browser
 understands as well as Python does: searched with `^` and `$` at every line, `.` never a line break.

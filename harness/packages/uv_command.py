@@ -20,7 +20,7 @@ from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import cache_folder, state_folder, write_atomic
 from harness.model import IndexSettings, Interpreter
 from harness.packages import index_settings
-from harness.standalone.lines import normalise
+from harness.standalone.failures.lines import normalise
 
 DEADLINE = 600.0
 """Seconds for one call of uv; downloads of several GB included."""

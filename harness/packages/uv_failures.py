@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from harness.model import Outcome, Phase, Step
 from harness.model.errors import UnusableRequirement
 from harness.model.machine_trouble import MACHINE_TROUBLE
-from harness.standalone.lines import decisive_line, shorten_line, strip_ansi
+from harness.standalone.failures.lines import decisive_line, shorten_line, strip_ansi
 
 TROUBLE = re.compile(
     r"Failed to fetch|Request failed after|error sending request|dns error|operation timed out"

@@ -12,7 +12,7 @@ from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import own_folders
 from harness.probes import launch
 from harness.probes.evidence import LOG
-from harness.standalone.lines import decisive_line, describe_death, shorten_line
+from harness.standalone.failures.lines import decisive_line, describe_death, shorten_line
 
 STARTED = "simmatrix: Python has started"
 PROGRAM = (

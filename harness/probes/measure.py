@@ -16,7 +16,7 @@ from harness.packages.environments import bytecode
 from harness.probes import bare_start, launch, program, thumbnails
 from harness.probes.evidence import PICTURE, REPLY, End, Host, ProbeRun, Request
 from harness.probes.vault import Vault, keep_files
-from harness.standalone.lines import normalise
+from harness.standalone.failures.lines import normalise
 
 MOST_EVIDENCE, MOST_FRAMES = 64 << 20, 16
 """Bytes of text, and frames, that are kept of one run."""

@@ -42,7 +42,7 @@ from harness.model.report_types import (
     SuiteEntry,
 )
 from harness.reports.tables import change_effects
-from harness.standalone.matching import Diagnosis
+from harness.standalone.failures.matching import Diagnosis
 
 Locate = Callable[[str], str]
 """From a path as records hold it (below the state folder) to one relative to the document."""

@@ -7,18 +7,13 @@ In Python 3.7 to 3.14, with the standard library and itself alone. The host impo
 __all__ = [
     "adapters",
     "control_characters",
-    "counting",
     "installing",
     "keys",
-    "lines",
-    "matching",
     "opening",
     "output",
     "packages",
-    "remedies",
     "requirements",
     "running",
-    "silent",
     "versions",
     "wrapping",
 ]

@@ -10,12 +10,13 @@ import pkgutil
 import sys
 from typing import Any, Dict, List, Mapping, Optional, Sequence
 
-from . import output, remedies, running, wrapping
+from . import output, running, wrapping
 from .doctor import choosing, doctor
 from .doctor.choosing import NoEnvironment
 from .explain import explain
 from .explain.wording import Place
-from .matching import Signature, read
+from .failures import remedies
+from .failures.matching import Signature, read
 
 SIGNATURES, MEASURED = "signatures.json", "measured.json.gz"
 """What the file carries beside the code."""

@@ -19,8 +19,9 @@ import wheelhouse
 from harness.commands.doctor import Doctored
 from harness.model import Interpreter, schema
 from harness.rootcause.doctor import in_place
-from harness.standalone import matching, running
+from harness.standalone import running
 from harness.standalone.doctor import doctor, probing
+from harness.standalone.failures import matching
 
 NOTHING = doctor.Knowledge([], lambda: {"cells": [], "locks": {}})
 BASE = {name: os.environ[name] for name in ("PATH", "HOME", "LANG") if name in os.environ}

@@ -31,7 +31,7 @@ from harness.model import (
 )
 from harness.model.report_types import CellEntry, DiagnosisEntry, Document
 from harness.reports import document
-from harness.standalone import matching
+from harness.standalone.failures import matching
 
 HERE = "linux-x86_64"
 LLVMPIPE = {"vendor": "Mesa/X.org", "renderer": "llvmpipe", "version": "4.5 Mesa 22.3.6"}

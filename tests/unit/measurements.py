@@ -21,7 +21,7 @@ from harness.packages import locks
 from harness.reports import document
 from harness.reports.tables import counted_failures
 from harness.running import shipped_signatures
-from harness.standalone.matching import Around, Evidence, diagnose
+from harness.standalone.failures.matching import Around, Evidence, diagnose
 
 ROOT = Path(__file__).parents[2]
 WELL = frozenset({Outcome.PASSED, Outcome.SKIPPED})

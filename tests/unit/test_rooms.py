@@ -25,7 +25,7 @@ PURE = ("judging", "matrix", "devices", "model")
 IMPURE = {"subprocess", "socket", "time", "multiprocessing", "threading", "tempfile", "shutil", "requests"}
 MOST = 14
 """Modules of a room or of a room within it; verbs and in-cell files grow by verb and by adapter."""
-GROWING = {"commands", "standalone"}
+GROWING = {"commands"}
 VENDORED = "vendored"
 """The folder of released libraries that are kept whole and unchanged."""
 

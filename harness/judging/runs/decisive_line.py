@@ -1,4 +1,4 @@
-"""Say in one line why a check failed. `standalone/lines.py` finds such a line in any text."""
+"""Say in one line why a check failed. `standalone/failures/lines.py` finds such a line in any text."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import signal
 from collections.abc import Iterable
 
 from harness.model import CheckReply, Observed, Raised, WorkerRecord
-from harness.standalone.lines import (
+from harness.standalone.failures.lines import (
     CAUSE,
     CONTEXT,
     LIMIT,

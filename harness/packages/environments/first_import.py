@@ -20,7 +20,7 @@ from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.model.schema import load_toml
 from harness.model.vocabulary import ModuleName, PackageName, SystemPackage
 from harness.packages import uv_command
-from harness.standalone.lines import decisive_line, describe_death, normalise, shorten_line
+from harness.standalone.failures.lines import decisive_line, describe_death, normalise, shorten_line
 
 FILE = Path(__file__).with_suffix(".toml")
 LIMITS = process.Limits(seconds=1800.0)

@@ -31,7 +31,7 @@ from harness.model.hostile_data import Unreadable, understanding
 from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.packages import index, locks, resolver, uv_command
 from harness.packages.sources import sdists
-from harness.standalone.lines import decisive_line, describe_death, normalise, shorten_line
+from harness.standalone.failures.lines import decisive_line, describe_death, normalise, shorten_line
 
 LIMITS = process.Limits(seconds=1800.0)
 COMPILER_KILLED = "Killed signal terminated program"

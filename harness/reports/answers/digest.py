@@ -23,7 +23,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-from harness.standalone.counting import Fit, is_stated, select_counting
+from harness.standalone.failures.counting import Fit, is_stated, select_counting
 
 Plain = Mapping[str, Any]
 

@@ -17,8 +17,8 @@ from packaging.version import InvalidVersion, Version
 
 from harness.model import Phase
 from harness.model.vocabulary import parsed_requirement, required_name
+from harness.standalone.failures.silent import PREFIX, plainly_good
 from harness.standalone.keys import MODULES, SIMULATORS
-from harness.standalone.silent import PREFIX, plainly_good
 
 Plain = Mapping[str, Any]
 

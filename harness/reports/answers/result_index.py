@@ -23,7 +23,7 @@ from harness.model import Plan, cellid
 from harness.model.errors import BadInput
 from harness.reports.answers import digest
 from harness.reports.answers.digest import Layer
-from harness.standalone import counting
+from harness.standalone.failures import counting
 
 VARIABLE = "HARNESS_RESULTS"
 PACKAGE = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.model.report_types import word
 from harness.model.vocabulary import FAMILY, SELF, required_name
 from harness.reports.tables import tables
-from harness.standalone.silent import PREFIX
+from harness.standalone.failures.silent import PREFIX
 
 MOST_NAMES = 8
 MOST_IDS = 3

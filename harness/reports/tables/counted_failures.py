@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from harness.judging import identity
 from harness.judging.identity import Failure
 from harness.model.report_types import CellEntry, DiagnosisEntry
-from harness.standalone import counting
-from harness.standalone.counting import Fit
+from harness.standalone.failures import counting
+from harness.standalone.failures.counting import Fit
 
 
 def counted(cell: CellEntry) -> tuple[DiagnosisEntry, ...]:

@@ -13,7 +13,7 @@ from harness.model.report_types import CellEntry, word
 from harness.reports.tables import change_effects
 from harness.reports.tables.counted_failures import counted
 from harness.reports.tables.table_types import Attempt, Cause, Effect, Explanation
-from harness.standalone.silent import PREFIX, plainly_good
+from harness.standalone.failures.silent import PREFIX, plainly_good
 
 NOTHING = "-"
 

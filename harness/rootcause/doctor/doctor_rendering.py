@@ -16,7 +16,7 @@ from harness.model import Level
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.reports import document
 from harness.running import shipped_signatures
-from harness.standalone import matching
+from harness.standalone.failures import matching
 
 
 class Selected(msgspec.Struct, frozen=True, kw_only=True):

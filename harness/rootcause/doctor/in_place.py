@@ -29,8 +29,8 @@ from harness.standalone import adapters
 from harness.standalone.doctor.choosing import Choice
 from harness.standalone.doctor.declared import NOTE, WARNING, Finding
 from harness.standalone.doctor.differences import versions
+from harness.standalone.failures.matching import Evidence
 from harness.standalone.keys import SIMULATORS
-from harness.standalone.matching import Evidence
 from harness.standalone.running import ProcessResult
 
 MEMORY_MB = 64_000

@@ -14,7 +14,7 @@ from packaging.version import Version
 from harness.matrix import changes
 from harness.model import Cell, Change
 from harness.model.vocabulary import parsed_requirement, required_name
-from harness.standalone.matching import Diagnosis
+from harness.standalone.failures.matching import Diagnosis
 
 
 class Way(StrEnum):

@@ -12,7 +12,7 @@ from packaging.utils import canonicalize_name
 from harness.model import Cell, Change, Phase
 from harness.model.vocabulary import parsed_requirement, readers, required_name
 from harness.rootcause.repair.candidate_changes import Move, Way, asked_for, constraint
-from harness.standalone.matching import Evidence
+from harness.standalone.failures.matching import Evidence
 
 # --- what is imported and not required -------------------------------------------------------------------------
 

@@ -20,8 +20,8 @@ from harness.packages import locks
 from harness.rootcause.bench import Bench, Bounds, Trial
 from harness.rootcause.repair import candidate_changes, failure_hints
 from harness.running.scheduler import Observer, Settings
-from harness.standalone.matching import Evidence
-from harness.standalone.silent import PREFIX
+from harness.standalone.failures.matching import Evidence
+from harness.standalone.failures.silent import PREFIX
 
 ORDER = list(Phase)
 

@@ -20,8 +20,8 @@ from harness.rootcause.repair.candidate_changes import Move, Way
 from harness.rootcause.repair.lab import Lab, collect_reasons, versions
 from harness.rootcause.repair.narrowing import Suspect
 from harness.running import shipped_signatures
-from harness.standalone.matching import Diagnosis
-from harness.standalone.silent import PREFIX, plainly_good
+from harness.standalone.failures.matching import Diagnosis
+from harness.standalone.failures.silent import PREFIX, plainly_good
 
 TOOLS = ("setuptools", "wheel", "cython", "numpy", "packaging", "setuptools-scm", "pybind11", "cmake",
          "scikit-build", "scikit-build-core", "meson-python", "poetry-core", "hatchling", "flit-core")  # fmt: skip

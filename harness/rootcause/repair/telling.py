@@ -12,7 +12,7 @@ from harness.rootcause.repair import pasting
 from harness.rootcause.repair.candidate_changes import Way
 from harness.rootcause.repair.proofs import RemedyEntry, RepairDocument, RunEntry
 from harness.rootcause.repair.repairing import Status
-from harness.standalone.silent import PREFIX
+from harness.standalone.failures.silent import PREFIX
 
 
 def lines(document: RepairDocument) -> Iterator[str]:

@@ -8,9 +8,9 @@ import sys
 import tempfile
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from .. import matching
+from ..failures import matching
+from ..failures.matching import Evidence
 from ..installing import Installer, installer
-from ..matching import Evidence
 from ..running import Run
 from . import choosing, declared, differences, drawing, nearest, reading
 from .choosing import Choice

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from .. import matching
 from ..adapters import package
+from ..failures import matching
+from ..failures.matching import Around
+from ..failures.silent import plainly_good
 from ..installing import Installer
 from ..keys import SIMULATORS, weight
-from ..matching import Around
 from ..requirements import Requirement, requirement
-from ..silent import plainly_good
 from ..versions import is_version, version
 from .declared import NOTE, WARNING, Finding, find_violations
 from .differences import versions

@@ -6,10 +6,10 @@ import os
 import re
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
+from ..failures.matching import Around, Diagnosis, Evidence, diagnose, lurking
+from ..failures.silent import concerns
 from ..keys import MODULES
-from ..matching import Around, Diagnosis, Evidence, diagnose, lurking
 from ..requirements import requirement
-from ..silent import concerns
 from ..versions import canonical
 from .declared import NOTE, WARNING, Finding
 from .differences import FIRST, Difference, versions

@@ -12,8 +12,8 @@ import tempfile
 from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple
 
 from .. import packages, wrapping
+from ..failures.matching import Signature
 from ..installing import installer
-from ..matching import Signature
 from ..opening import open_file
 from ..packages import Packages
 from ..requirements import requirement

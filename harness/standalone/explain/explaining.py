@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from .. import matching
-from ..counting import Fit, select_counting
-from ..lines import MASKS, shorten_line
-from ..matching import Around, Diagnosis, Evidence
+from ..failures import matching
+from ..failures.counting import Fit, select_counting
+from ..failures.lines import MASKS, shorten_line
+from ..failures.matching import Around, Diagnosis, Evidence
 from ..requirements import requirement
 from ..versions import specifiers, unsatisfiable
 from . import telling

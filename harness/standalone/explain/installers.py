@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import List, Optional, Sequence
 
-from ..lines import decisive_line, shorten_line
+from ..failures.lines import decisive_line, shorten_line
 
 CONFLICT = re.compile(r"^ERROR: Cannot install (.+) because these package versions have conflicting dependencies")
 NOT_FOUND = re.compile(

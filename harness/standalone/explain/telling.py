@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
-from .. import lines as said
-from ..lines import EXCEPTION, FRAME, MASKS, shorten_line, strip_ansi
+from ..failures import lines as said
+from ..failures.lines import EXCEPTION, FRAME, MASKS, shorten_line, strip_ansi
 from .installers import installer
 
 START = "Traceback (most recent call last):"

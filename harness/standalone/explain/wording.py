@@ -6,9 +6,9 @@ import re
 import shlex
 from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence
 
+from ..failures.matching import Diagnosis
+from ..failures.remedies import in_words
 from ..installing import Installer, installer
-from ..matching import Diagnosis
-from ..remedies import in_words
 from .explaining import Explanation
 
 FAULTS = "PYTHONFAULTHANDLER"

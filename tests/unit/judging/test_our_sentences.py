@@ -18,9 +18,9 @@ from harness.model import Observed, Phase, words
 from harness.model.words import VIOLATION
 from harness.reports import document
 from harness.running.shipped_signatures import load_all
-from harness.standalone import matching
-from harness.standalone.lines import shorten_line
-from harness.standalone.matching import Around, Evidence, diagnose
+from harness.standalone.failures import matching
+from harness.standalone.failures.lines import shorten_line
+from harness.standalone.failures.matching import Around, Evidence, diagnose
 
 ROOT = Path(__file__).parents[3]
 SAMPLES: dict[str, tuple[Any, ...]] = {

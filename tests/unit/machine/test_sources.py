@@ -49,7 +49,7 @@ def test_nothing_that_is_imported_is_missed(module: str) -> None:
 JUDGING = tuple(f"judging.runs.{name}" for name in ("case", "check", "fold", "todo", "misleading", "native_errors"))
 
 
-@pytest.mark.parametrize("module", [*JUDGING, "judging.runs.decisive_line", "standalone.lines", "probes.wire"])
+@pytest.mark.parametrize("module", [*JUDGING, "judging.runs.decisive_line", "standalone.failures.lines", "probes.wire"])
 def test_what_judges_a_probe_is_part_of_a_mark(module: str) -> None:
     """The record of a cell is judged again when any module changes that has a say in an outcome, line or finding."""
     assert any(f"harness.{module}" in source_digests.imported(one) for one in case_run.JUDGING)
@@ -89,5 +89,5 @@ def test_a_report_depends_on_all_that_it_is_made_with() -> None:
     files = set(freshness.list_sources())
 
     assert set(source_digests.imported("harness.reports.publishing").values()) <= files
-    assert PACKAGE / "standalone" / "matching.py" in files
+    assert PACKAGE / "standalone" / "failures" / "matching.py" in files
     assert {path.name for path in files} >= {"report.md.j2", "camera_pages.py", "identity.py", "check.py", "words.toml"}

@@ -16,8 +16,8 @@ from harness.model.report_types import CellEntry
 from harness.model.vocabulary import parsed_requirement
 from harness.reports import document
 from harness.running import shipped_signatures, signature_files
-from harness.standalone import matching
-from harness.standalone.matching import Around, Evidence, diagnose
+from harness.standalone.failures import matching
+from harness.standalone.failures.matching import Around, Evidence, diagnose
 
 ROOT = Path(__file__).parents[3]
 FOLDER = ROOT / "matrices" / signature_files.FOLDER

@@ -11,8 +11,8 @@ from harness.matrix import signatures
 from harness.matrix.signatures import Signature
 from harness.model import Change, Phase
 from harness.model.errors import BadInput
-from harness.standalone import matching
-from harness.standalone.matching import Around, Evidence, diagnose
+from harness.standalone.failures import matching
+from harness.standalone.failures.matching import Around, Evidence, diagnose
 
 FULL = """
 [[signature]]

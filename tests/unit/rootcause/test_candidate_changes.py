@@ -9,7 +9,7 @@ from harness.matrix import changes
 from harness.model import Change, Phase
 from harness.rootcause.repair import candidate_changes, failure_hints
 from harness.rootcause.repair.candidate_changes import Way
-from harness.standalone.matching import Evidence
+from harness.standalone.failures.matching import Evidence
 
 WHOLE = Change(
     requirements=("packaging",),

@@ -8,7 +8,7 @@ from builders import case, cell, entry, make_knowledge, phase, record, signature
 from harness.judging.assess import assess
 from harness.model import Expectation, Outcome, Phase, Verdict
 from harness.reports.tables import counted_failures
-from harness.standalone.counting import Fit, is_stated, nameable, select_counting
+from harness.standalone.failures.counting import Fit, is_stated, nameable, select_counting
 
 DEEP = Fit("deep", masks=False, generic=False, seen="no such field", says=True)
 BROAD = Fit("broad", masks=False, generic=True, seen="no such field", says=True)

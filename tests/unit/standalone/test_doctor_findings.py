@@ -11,7 +11,7 @@ from facts import SITE, distribution, facts, installed
 from harness.standalone.doctor import declared, reading
 from harness.standalone.doctor.differences import Difference
 from harness.standalone.doctor.probing import Viewpoint
-from harness.standalone.matching import Evidence, Signature, read
+from harness.standalone.failures.matching import Evidence, Signature, read
 from harness.standalone.running import ProcessResult
 
 

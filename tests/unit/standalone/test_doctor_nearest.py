@@ -7,8 +7,8 @@ from typing import Any
 from builders import measured_cell
 from facts import distribution, facts, installed
 
-from harness.standalone import matching
 from harness.standalone.doctor import nearest
+from harness.standalone.failures import matching
 from harness.standalone.installing import PIP
 
 

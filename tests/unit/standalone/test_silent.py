@@ -21,8 +21,8 @@ from harness.model.report_types import CaseEntry, CellEntry, Document
 from harness.reports import document
 from harness.reports.tables import change_effects
 from harness.running import shipped_signatures
-from harness.standalone import silent
-from harness.standalone.silent import CaseResult
+from harness.standalone.failures import silent
+from harness.standalone.failures.silent import CaseResult
 
 REPORTS = Path(__file__).parents[3] / "reports"
 TEXT = """

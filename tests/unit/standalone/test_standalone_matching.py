@@ -10,8 +10,8 @@ import pytest
 
 from harness.matrix import signatures
 from harness.running import shipped_signatures
-from harness.standalone import literals, matching
-from harness.standalone.matching import Around, Evidence
+from harness.standalone.failures import literals, matching
+from harness.standalone.failures.matching import Around, Evidence
 
 ALPHABET = "abcx\n "
 

@@ -12,8 +12,8 @@ from harness.model.report_types import CellEntry
 from harness.reports import document
 from harness.reports.tables import counted_failures
 from harness.running import shipped_signatures
-from harness.standalone import matching
 from harness.standalone.explain.explaining import Explanation, Facts, explain_text
+from harness.standalone.failures import matching
 
 ROOT = Path(__file__).parents[3]
 ENOUGH = 0.9

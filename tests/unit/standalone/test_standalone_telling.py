@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from builders import standalone_signature
 
-from harness.standalone import matching
 from harness.standalone.explain import explaining, hinting, telling
 from harness.standalone.explain.explaining import Facts
+from harness.standalone.failures import matching
 
 TRACE = """\
 Traceback (most recent call last):

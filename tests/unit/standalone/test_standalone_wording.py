@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from builders import standalone_signature
 
-from harness.standalone import matching, remedies
 from harness.standalone.explain import explaining, wording
 from harness.standalone.explain.explaining import Facts
 from harness.standalone.explain.wording import Place
+from harness.standalone.failures import matching, remedies
 
 TRACE = 'Traceback (most recent call last):\n  File "/e/lib/python3.9/site-packages/gym/a.py", line 5, in step\n'
 REMEDY = {"requirements": ["numpy<2"], "environment": {"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": ""}, "text": "or wait"}

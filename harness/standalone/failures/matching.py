@@ -22,10 +22,10 @@ from typing import (
     TypeVar,
 )
 
+from ..requirements import requirement
+from ..versions import canonical, specifiers, unsatisfiable
 from . import literals
 from .lines import shorten_line
-from .requirements import requirement
-from .versions import canonical, specifiers, unsatisfiable
 
 PHASES = ("resolve", "install", "import", "single", "vector", "render", "behave", "interop", "suite")
 """In this order."""

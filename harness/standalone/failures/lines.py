@@ -10,7 +10,7 @@ import re
 import signal
 from typing import Iterator, Mapping, NamedTuple, Sequence
 
-from .control_characters import SEQUENCE, strip_controls
+from ..control_characters import SEQUENCE, strip_controls
 
 LIMIT = 300
 """Characters of a decisive line."""
