@@ -14,8 +14,8 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from harness.running import shipped_signatures
-from harness.running.shipped_signatures import HEAD, TAIL
+from harness.running.signatures import shipped_signatures
+from harness.running.signatures.shipped_signatures import HEAD, TAIL
 from harness.standalone.explain.keeping import HEAD as FIRST
 from harness.standalone.explain.keeping import TAIL as LAST
 from harness.standalone.failures import matching

@@ -18,7 +18,8 @@ from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import UNTOLD, CellEntry, format_count
 from harness.model.vocabulary import Instant
 from harness.reports import document, expectation_writer, publishing
-from harness.running import open_matrix, shipped_signatures
+from harness.running import open_matrix
+from harness.running.signatures import shipped_signatures
 
 HELP = "Write expectations for cells that are red now, each with its reason, into the matrix file."
 

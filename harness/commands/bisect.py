@@ -31,7 +31,8 @@ from harness.rootcause.bisection.bisecting import Bisection, BisectionResult, St
 from harness.rootcause.bisection.candidates import Candidate, Candidates, LineOptions
 from harness.rootcause.bisection.certificates import BisectDocument
 from harness.rootcause.repair import candidate_changes, proofs
-from harness.running import open_matrix, scheduler, shipped_signatures
+from harness.running import open_matrix, scheduler
+from harness.running.signatures import shipped_signatures
 from harness.standalone.failures.silent import plainly_good
 from harness.standalone.output import print_json
 

@@ -20,7 +20,7 @@ from harness.rootcause.doctor import doctor_rendering, in_place, prove_in_copy
 from harness.rootcause.doctor.doctor_rendering import Rendering
 from harness.rootcause.doctor.in_place import Tried
 from harness.rootcause.doctor.prove_in_copy import Proof
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 from harness.standalone import wrapping
 from harness.standalone.doctor import doctor
 from harness.standalone.doctor.choosing import NoEnvironment

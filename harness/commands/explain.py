@@ -18,7 +18,7 @@ from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.reports.answers import result_index
 from harness.reports.answers.recommended_text import wrapped
-from harness.running import issue_texts, shipped_signatures
+from harness.running.signatures import issue_texts, shipped_signatures
 from harness.standalone.explain import explain
 from harness.standalone.explain.explain import HELP, split
 from harness.standalone.explain.wording import Place

@@ -20,8 +20,9 @@ from harness.model import Cell, CellRecord, Phase, Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import format_count
 from harness.reports.text import progress
-from harness.running import controls, offline_bundle, offline_collect, open_matrix, scheduler
-from harness.running.offline_bundle import FetchedCell, FetchedMatrix, Manifest
+from harness.running import controls, open_matrix, scheduler
+from harness.running.offline import offline_bundle, offline_collect
+from harness.running.offline.offline_bundle import FetchedCell, FetchedMatrix, Manifest
 from harness.standalone.output import print_json
 
 HELP = (

@@ -14,8 +14,8 @@ from harness.machine.store import Store
 from harness.model import CellRecord, Phase, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import UNTOLD, CellEntry, word
-from harness.reports import redacting, upstream
-from harness.running import shipped_signatures
+from harness.reports.issue import redacting, upstream
+from harness.running.signatures import shipped_signatures
 
 NOBODY = frozenset({"root", "user", "admin", "ubuntu", "debian", "runner", "nobody", "localhost", "home", "test"})
 """Names that say nothing of anybody, and words that a message may well have."""

@@ -20,7 +20,7 @@ from harness.model.vocabulary import required_name
 from harness.reports.answers import measured_cells, result_index
 from harness.reports.answers.measured_cells import CellResult
 from harness.reports.answers.recommended_text import wrapped
-from harness.running import issue_texts
+from harness.running.signatures import issue_texts
 from harness.standalone.output import print_json
 
 HELP = "List the packages that were measured and the issues that are known, or open one of them."

@@ -20,10 +20,11 @@ from harness.reports import publishing
 from harness.reports.answers import misspelt
 from harness.reports.tables import tables
 from harness.reports.text import progress
-from harness.running import open_matrix, remedy_trials, scheduler, shipped_signatures
+from harness.running import open_matrix, remedy_trials, scheduler
+from harness.running.signatures import shipped_signatures
 
 if TYPE_CHECKING:
-    from harness.running.offline_bundle import Fetched
+    from harness.running.offline.offline_bundle import Fetched
 
 HELP = "Lock, build, install, probe and report every cell of one or more matrices; what was measured before is reused."
 

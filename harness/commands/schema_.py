@@ -63,7 +63,7 @@ def _signatures() -> type:
 
 
 def _manifest() -> type:
-    from harness.running.offline_bundle import Manifest  # noqa: PLC0415
+    from harness.running.offline.offline_bundle import Manifest  # noqa: PLC0415
 
     return Manifest
 

@@ -14,12 +14,14 @@ from harness.machine.store import Store
 from harness.model import Cell, Plan, Verdict, cellid
 from harness.model.errors import BadInput
 from harness.reports import document, publishing
-from harness.running import offline_bundle, shards, shipped_signatures
+from harness.running import shards
+from harness.running.offline import offline_bundle
 from harness.running.scheduler import AUTO
+from harness.running.signatures import shipped_signatures
 
 if TYPE_CHECKING:
     from harness.running import shards
-    from harness.running.offline_bundle import Fetched
+    from harness.running.offline.offline_bundle import Fetched
 
 VERIFYING = "one process per check, failures confirmed, environments checked file by file"
 JOBS = "cells at a time, or auto: as many as there are cores and memory for [cores]"

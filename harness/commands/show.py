@@ -27,7 +27,8 @@ from harness.model.report_types import (
 )
 from harness.reports import document, publishing
 from harness.reports.tables import counted_failures, tables
-from harness.running import open_matrix, shipped_signatures
+from harness.running import open_matrix
+from harness.running.signatures import shipped_signatures
 from harness.standalone.output import print_json
 
 HELP = "Show everything known of one cell: versions, phases, checks, the line that says why, its log and its lock."

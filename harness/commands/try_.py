@@ -14,7 +14,8 @@ from harness.model.errors import BadInput
 from harness.reports import document, publishing
 from harness.reports.answers.try_answer import answer
 from harness.reports.text import progress
-from harness.running import scheduler, shipped_signatures
+from harness.running import scheduler
+from harness.running.signatures import shipped_signatures
 from harness.standalone.output import print_json
 
 HELP = "Try one combination of requirements: lock, install, and run environments in it."

@@ -7,7 +7,6 @@ __all__ = [
     "free_memory",
     "interpreters",
     "interrupts",
-    "once_per_key",
     "process",
     "source_digests",
     "store",

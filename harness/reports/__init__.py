@@ -9,7 +9,5 @@ __all__ = [
     "packs",
     "publishing",
     "readme_blocks",
-    "redacting",
     "template_files",
-    "upstream",
 ]

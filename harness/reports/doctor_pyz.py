@@ -16,7 +16,7 @@ from typing import Any
 from harness.machine import store
 from harness.matrix.signatures import Signature
 from harness.reports.answers import digest, result_index
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 from harness.standalone import adapters
 
 PACKAGE = Path(__file__).parent.parent / "standalone"

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from hashlib import sha256
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
@@ -43,6 +43,8 @@ from harness.model.report_types import (
 )
 from harness.reports.tables import change_effects
 from harness.standalone.failures.matching import Diagnosis
+
+T = TypeVar("T")
 
 Locate = Callable[[str], str]
 """From a path as records hold it (below the state folder) to one relative to the document."""
@@ -82,7 +84,7 @@ def build(  # noqa: PLR0913 - all that a document is made of
         machines={name: dict(facts) for name, facts in sorted(machines.items())},
         cells=change_effects.mark_proven(cells),
         dropped=tuple(
-            DroppedEntry(id=gone.id, reason=gone.reason, count=gone.count) for plan in plans for gone in plan.dropped
+            msgspec.convert(gone, DroppedEntry, from_attributes=True) for plan in plans for gone in plan.dropped
         ),
         matrices={plan.matrix: matrix_entry(plan) for plan in plans},
         stale=tuple(dict.fromkeys(stale)),
@@ -140,7 +142,6 @@ def entry(assessed: Assessed, making: EntryInputs) -> CellEntry:
     """Return a judged cell as a document entry."""
     record, locate = assessed.record, making.locate
     cell = record.cell
-    lock = locate(record.lock) if record.lock else None
     change = _change(cell, making) if cell.tried else None
     return CellEntry(
         id=cell.id,
@@ -152,7 +153,7 @@ def entry(assessed: Assessed, making: EntryInputs) -> CellEntry:
         environment=dict(cell.environment),
         supplied=dict(record.supplied),
         installed=dict(record.installed) if record.installed is not None else None,
-        lock=lock,
+        lock=locate(record.lock) if record.lock else None,
         lock_sha256=record.lock_sha256,
         key=record.key,
         measured=record.measured,
@@ -165,15 +166,9 @@ def entry(assessed: Assessed, making: EntryInputs) -> CellEntry:
         expected=cell.expect.verdict if cell.expect else Verdict.WORKS,
         as_expected=assessed.as_expected,
         repairs=tuple(map(_repair, record.repairs)),
-        findings=tuple(
-            FindingEntry(check=one.check, level=one.level, text=one.text, cases=cases)
-            for one, cases in assessed.findings.items()
-        ),
+        findings=_findings(assessed),
         phases={phase: assessed.phases[phase] for phase in Phase if phase in assessed.phases},
-        cases=tuple(
-            _case(case, unverified, locate)
-            for case, unverified in zip(assessed.cases, assessed.open_issues, strict=True)
-        ),
+        cases=_cases(assessed, locate),
         decisive=assessed.decisive,
         diagnoses=tuple(map(diagnosis_entry, assessed.diagnoses)),
         evidence=locate(assessed.evidence) if assessed.evidence else None,
@@ -182,19 +177,31 @@ def entry(assessed: Assessed, making: EntryInputs) -> CellEntry:
         requirements=cell.question.requirements,
         asked=making.mark(cell),
         subject=_subject(record),
-        brought=tuple(msgspec.convert(one, BroughtEntry, from_attributes=True) for one in record.brought)
-        or msgspec.UNSET,
+        brought=_alike(record.brought, tuple[BroughtEntry, ...]),
         empty=cell.empty or msgspec.UNSET,
         suite=_suite(assessed, locate),
-        controls={
-            api: ControlEntry(control=one.control, failed=dict(one.failed), untold=one.untold)
-            for api, one in record.controls.items()
-        }
-        or msgspec.UNSET,
+        controls=_alike(record.controls, dict[str, ControlEntry]),
         base=cell.base,
         change=change,
         role=role(cell.id, change, making.variants, proving=bool(cell.tried and cell.tried.proving)),
     )
+
+
+def _alike(values: Collection[Any], kind: type[T]) -> T | msgspec.UnsetType:
+    """Return values as entries that have the same fields; an empty collection is left out of the document."""
+    return msgspec.convert(values, kind, from_attributes=True) if values else msgspec.UNSET
+
+
+def _findings(assessed: Assessed) -> tuple[FindingEntry, ...]:
+    return tuple(
+        FindingEntry(check=one.check, level=one.level, text=one.text, cases=cases)
+        for one, cases in assessed.findings.items()
+    )
+
+
+def _cases(assessed: Assessed, locate: Locate) -> tuple[CaseEntry, ...]:
+    pairs = zip(assessed.cases, assessed.open_issues, strict=True)
+    return tuple(_case(case, unverified, locate) for case, unverified in pairs)
 
 
 def _change(cell: Cell, making: EntryInputs) -> ChangeEntry | None:

@@ -16,7 +16,7 @@ from harness.model.errors import HarnessError
 from harness.model.hostile_data import Unreadable
 from harness.model.report_types import Document
 from harness.reports import document, template_files
-from harness.running import signature_files
+from harness.running.signatures import signature_files
 
 FILES = ("report.json", "report.md")
 WORDS = "README.md"

@@ -26,7 +26,8 @@ from harness.model.report_types import CellEntry, Document, format_count
 from harness.probes.vault import Vault
 from harness.reports import document, packs, publishing
 from harness.reports.packs import Index, Packed
-from harness.running import open_matrix, shipped_signatures
+from harness.running import open_matrix
+from harness.running.signatures import shipped_signatures
 from harness.standalone.output import print_json
 
 NAME = "report.json"

@@ -32,7 +32,7 @@ from harness.reports.tables import tables
 from harness.reports.tables.table_types import Report
 from harness.reports.template_files import read_template
 from harness.reports.text import author_pages, report_markdown, terminal
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 from harness.standalone.output import print_json
 
 FAIL_ON = ("unexpected", "stale", "inconclusive", "unavailable", "not_run")

@@ -14,9 +14,9 @@ from harness.judging.identity import Failure
 from harness.machine import interpreters, process, this_machine
 from harness.machine.store import Store, cache_folder
 from harness.model import CASE_PHASES, Cell, CellRecord, ControlRecord, Outcome, Phase, Verdict
-from harness.running import shipped_signatures
 from harness.running.scheduler import ControlledRunner, Observer, QuietObserver, Runner, Settings, steps
 from harness.running.scheduler.shared_environment import Pool
+from harness.running.signatures import shipped_signatures
 
 
 class BudgetExhausted(Exception):

@@ -17,10 +17,10 @@ from harness.matrix import matrix_file, matrix_remedies, overlay_recipes, plan, 
 from harness.matrix.matrix_types import Expansion, Matrix
 from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject
 from harness.model.errors import BadInput, CouldNotTell
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 
 if TYPE_CHECKING:
-    from harness.running.offline_bundle import Fetched
+    from harness.running.offline.offline_bundle import Fetched
 
 PACKAGE = Path(__file__).parent.parent
 OVERLAYS = "overlays"

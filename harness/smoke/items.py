@@ -15,7 +15,7 @@ from harness.judging.runs.check import phase_of
 from harness.machine import store
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, Phase, Plan, cellid
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 from harness.smoke import judging, junit
 from harness.smoke.frozen import SessionPlan
 from harness.smoke.judging import ItemOutcome, Kind

@@ -16,7 +16,7 @@ from harness.commands import explain as verb
 from harness.machine import interpreters
 from harness.reports import doctor_pyz
 from harness.reports.answers import result_index
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 from harness.standalone.explain import explain, explaining, keeping
 
 SUPPORTED = ("3.7", "3.8", "3.9", "3.10", "3.11", "3.12", "3.13", "3.14")

@@ -24,7 +24,7 @@ from harness.model import CellRecord, Lock, Phase, PhaseRecord
 from harness.model.hostile_data import Unreadable
 from harness.packages.environments import environment_damage, site_packages
 from harness.probes import thumbnails, wire
-from harness.reports import upstream
+from harness.reports.issue import upstream
 
 ENDING = Ending(exit_code=1, stacks="Fatal Python error: Segmentation fault\n")
 RAISED = {"type": "ValueError", "message": "wrong", "traceback": "Traceback ...\nValueError: wrong", "blame": "library"}

@@ -9,8 +9,9 @@ from test_adapters import runner  # noqa: F401 - a fixture
 
 from harness.judging.assess import assess
 from harness.model import Cell, CellRecord, Outcome, Verdict
-from harness.running import open_matrix, shipped_signatures
+from harness.running import open_matrix
 from harness.running.scheduler import ControlledRunner
+from harness.running.signatures import shipped_signatures
 
 MATRIX = Path(__file__).parents[2] / "matrices" / "kitchen-twin.toml"
 WHOLE = "py3.9_gymnasium-absent_gym-0.21.0_dm-control-1.0.20_mujoco-3.2.0_whole"

@@ -20,7 +20,7 @@ from harness.model.vocabulary import parsed_requirement, required_name
 from harness.packages import locks
 from harness.reports import document
 from harness.reports.tables import counted_failures
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 from harness.standalone.failures.matching import Around, Evidence, diagnose
 
 ROOT = Path(__file__).parents[2]

@@ -25,6 +25,8 @@ PURE = ("judging", "matrix", "devices", "model")
 IMPURE = {"subprocess", "socket", "time", "multiprocessing", "threading", "tempfile", "shutil", "requests"}
 MOST = 14
 """Modules of a room or of a room within it; verbs and in-cell files grow by verb and by adapter."""
+DOORS_MOST = 10
+"""Modules that a room hands on; those of `standalone` are the tools of every room."""
 GROWING = {"commands"}
 VENDORED = "vendored"
 """The folder of released libraries that are kept whole and unchanged."""
@@ -141,6 +143,7 @@ def test_a_room_is_entered_by_its_doors(room: str) -> None:
     doors = {module.rpartition(".")[2] for module in ENTERED if package(module) == room and module != room}
     assert doors <= names
     assert names - objects == doors - objects
+    assert len(names - objects) <= DOORS_MOST or room == "harness.standalone"
 
 
 def test_the_list_of_rooms_says_what_the_rooms_say() -> None:
@@ -217,3 +220,19 @@ def composed(path: Path) -> set[str]:
 def test_assess_is_the_one_door_to_a_verdict() -> None:
     """Outside the room of judging nobody puts a verdict together."""
     assert {module for module, path in MODULES.items() if room(module) != "judging" and composed(path)} == SECOND_DOORS
+
+
+LONGEST = 50
+"""Lines of a function, its docstring among them."""
+
+
+def test_functions_are_short() -> None:
+    """A function fits on a screen, those of programs in cells among them."""
+    long = {
+        f"{path.relative_to(PACKAGE)}: {node.name}"
+        for path in PACKAGE.rglob("*.py")
+        if VENDORED not in path.parts
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef) and (node.end_lineno or 0) - node.lineno >= LONGEST
+    }
+    assert not long

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import count
 from pathlib import Path
 from time import monotonic
@@ -306,10 +307,7 @@ def _make(
             offline=how.offline,
         )
         log = open_store().evidence(f"install-{path.name}") / "uv.log"
-
-        def fill() -> Step | None:
-            return _fill(call, path, wheels, interpreter, log, link_mode)
-
+        fill = partial(_fill, call, path, wheels, interpreter, log, link_mode)
         failed = fill()
         if failed and failed.outcome is Outcome.FAILED and (named := _named(failed, wheels)) and not how.offline:
             remove_folder(path)  # uv may have kept a wheel that a disk has spoiled since
@@ -318,11 +316,9 @@ def _make(
             remove_folder(path)
             failed = fill()  # from fresh downloads: what is odd in them is so in the wheels
             odd = find_damage(path, thorough=True)
-    try:
-        versions = site_packages.versions(path)
-    except Unreadable as error:
-        decisive = f"after the install the metadata of a package cannot be read: {error}"
-        return failed or Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive)
+    versions = _versions(path)
+    if isinstance(versions, Step):
+        return failed or versions
     failed = failed or _difference(versions, {one.name: site_packages.plain(one.version) for one in wheels})
     warmed = failed or first_import.warm(path, names, question)
     if isinstance(warmed, Step):
@@ -341,6 +337,15 @@ def _make(
     )
     write_atomic(path / STAMP, msgspec.json.encode(stamp))
     return stamp
+
+
+def _versions(path: Path) -> dict[str, str] | Step:
+    """Return what is installed in an environment by its metadata, or the step that failed as it cannot be read."""
+    try:
+        return site_packages.versions(path)
+    except Unreadable as error:
+        decisive = f"after the install the metadata of a package cannot be read: {error}"
+        return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive)
 
 
 def _lead_on(path: Path, below: Path) -> None:

@@ -114,7 +114,7 @@ def _own() -> Iterator[Layer]:
     if not (Path(os.environ.get("HARNESS_STATE") or ".harness") / "cells").is_dir():
         return
     from harness.reports import document  # noqa: PLC0415 - start-up
-    from harness.running import shipped_signatures  # noqa: PLC0415 - start-up
+    from harness.running.signatures import shipped_signatures  # noqa: PLC0415 - start-up
 
     opened = store.open_store()
     records = [record for record in opened.cells() if record.measured]

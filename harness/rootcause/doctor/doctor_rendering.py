@@ -15,7 +15,7 @@ from harness.devices.gl_inventory import Answer, Ways
 from harness.model import Level
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.reports import document
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 from harness.standalone.failures import matching
 
 

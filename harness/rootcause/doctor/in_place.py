@@ -24,7 +24,7 @@ from harness.probes.vault import Vault
 from harness.rootcause.doctor import doctor_rendering
 from harness.rootcause.doctor.doctor_rendering import RenderingReport
 from harness.running import case_run
-from harness.running.shipped_signatures import texts
+from harness.running.signatures.shipped_signatures import texts
 from harness.standalone import adapters
 from harness.standalone.doctor.choosing import Choice
 from harness.standalone.doctor.declared import NOTE, WARNING, Finding

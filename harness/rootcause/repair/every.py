@@ -13,7 +13,7 @@ from harness.model import Cell, CellRecord, Change
 from harness.model.vocabulary import required_name
 from harness.rootcause.repair.lab import Lab
 from harness.rootcause.repair.repairing import RepairResult, Search, Status
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 
 REPAIR = "repair"
 

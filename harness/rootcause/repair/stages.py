@@ -19,7 +19,7 @@ from harness.rootcause.repair import candidate_changes, failure_hints, times
 from harness.rootcause.repair.candidate_changes import Move, Way
 from harness.rootcause.repair.lab import Lab, collect_reasons, versions
 from harness.rootcause.repair.narrowing import Suspect
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 from harness.standalone.failures.matching import Diagnosis
 from harness.standalone.failures.silent import PREFIX, plainly_good
 

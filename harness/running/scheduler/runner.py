@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from harness.judging.exercised import unregistered
 from harness.machine import interpreters, process, this_machine
 from harness.machine.files.file_locks import claim, exclusive
-from harness.machine.once_per_key import Once
 from harness.machine.store import InstallResult, Store, digest, question_key
 from harness.matrix import overlay_recipes
 from harness.model import (
@@ -33,6 +32,7 @@ from harness.probes.evidence import Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault
 from harness.running import case_run
+from harness.running.once_per_key import Once
 from harness.running.scheduler import cell_faults, other_drawing
 from harness.running.scheduler.lock_freshness import is_still_valid
 from harness.running.scheduler.records import finished, not_reached, stopped, with_modules

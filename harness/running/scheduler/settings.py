@@ -11,7 +11,7 @@ from harness.machine import free_memory
 from harness.model import Cell, CellRecord, Phase
 
 if TYPE_CHECKING:
-    from harness.running.offline_bundle import Fetched
+    from harness.running.offline.offline_bundle import Fetched
 
 AUTO = 0
 """As many cells at a time as there are cores, and no more than the free memory has room for."""

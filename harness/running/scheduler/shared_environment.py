@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from harness.machine import this_machine
-from harness.machine.once_per_key import Once
 from harness.machine.store import InstallResult, Store, cache_folder, digest
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import FAMILY
 from harness.packages.environments import first_import
+from harness.running.once_per_key import Once
 from harness.running.scheduler.settings import Observer, Settings
 
 if TYPE_CHECKING:

@@ -9,7 +9,6 @@ from typing import Protocol
 from harness import model
 from harness.judging.runs import suite as judging
 from harness.machine import this_machine
-from harness.machine.once_per_key import Once
 from harness.machine.store import InstallResult, Store, digest
 from harness.model import (
     CaseRecord,
@@ -33,6 +32,7 @@ from harness.probes import launch
 from harness.probes.evidence import Host, Request
 from harness.probes.vault import Vault
 from harness.running import own_suites
+from harness.running.once_per_key import Once
 from harness.running.scheduler.settings import Observer, Settings
 from harness.running.scheduler.shared_environment import NoEnvironment, Pool, conditioned, outdated
 from harness.running.scheduler.steps import Steps, pending

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.machine.once_per_key import Once
 from harness.model import Brought, Cell
+from harness.running.once_per_key import Once
 
 if TYPE_CHECKING:
     from harness.packages.sources.user_supplied import Source

@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from commandline import CommandResult, Desk
 
-from harness.running import offline_collect
+from harness.running.offline import offline_collect
 
 MATRIX = """
 index = { default = "@INDEX@" }

@@ -19,7 +19,8 @@ from harness.model import CellRecord, CheckRecord, Expectation, Observed, Outcom
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry
 from harness.reports.tables import counted_failures
-from harness.running import own_suites, shipped_signatures, signature_files
+from harness.running import own_suites
+from harness.running.signatures import shipped_signatures, signature_files
 
 KNOWN = signatures.read(
     {

@@ -17,7 +17,7 @@ from harness.matrix.signatures import Sighting, Signature
 from harness.model import Observed, Phase, words
 from harness.model.words import VIOLATION
 from harness.reports import document
-from harness.running.shipped_signatures import load_all
+from harness.running.signatures.shipped_signatures import load_all
 from harness.standalone.failures import matching
 from harness.standalone.failures.lines import shorten_line
 from harness.standalone.failures.matching import Around, Evidence, diagnose

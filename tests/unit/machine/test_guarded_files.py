@@ -22,7 +22,7 @@ from harness.model import CellRecord, Lock, PhaseRecord, hostile_data
 from harness.model.hostile_data import Absent, Unreadable
 from harness.packages.environments import environments
 from harness.probes import launch, vault
-from harness.running import offline_bundle
+from harness.running.offline import offline_bundle
 
 
 def _loop(path: Path) -> None:

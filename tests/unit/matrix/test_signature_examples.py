@@ -15,7 +15,7 @@ from harness.model import Verdict
 from harness.model.report_types import CellEntry
 from harness.model.vocabulary import parsed_requirement
 from harness.reports import document
-from harness.running import shipped_signatures, signature_files
+from harness.running.signatures import shipped_signatures, signature_files
 from harness.standalone.failures import matching
 from harness.standalone.failures.matching import Around, Evidence, diagnose
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from harness.reports import redacting
+from harness.reports.issue import redacting
 
 WORDS = {"/home/jane": "~", "jane": "<user>", "gpu-node-07": "<host>", "pypi.acme.example": "<index>"}
 

@@ -18,7 +18,8 @@ from harness.__main__ import main
 from harness.machine.store import Store
 from harness.model import Case, CellRecord, Outcome, Phase, Plan, Question, Verdict
 from harness.model.report_types import DiagnosisEntry
-from harness.reports import document, reproducing, upstream
+from harness.reports import document
+from harness.reports.issue import reproducing, upstream
 
 LOCK = f"gymnasium==1.2.3 \\\n    --hash=sha256:{'1' * 64}\nnumpy==2.2.6 \\\n    --hash=sha256:{'2' * 64}\n"
 LINE = "AttributeError: module 'numpy' has no attribute 'bool8'"

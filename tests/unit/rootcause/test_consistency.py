@@ -20,7 +20,7 @@ from harness.matrix.signatures import RemedyTable, Signature
 from harness.model import Phase
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.rootcause.repair import failure_hints
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 
 KNOWN = shipped_signatures.load_all()
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -20,7 +20,7 @@ from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.model.report_types import CaseEntry, CellEntry, Document
 from harness.reports import document
 from harness.reports.tables import change_effects
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 from harness.standalone.failures import silent
 from harness.standalone.failures.silent import CaseResult
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import pytest
 
 from harness.matrix import signatures
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 from harness.standalone.failures import literals, matching
 from harness.standalone.failures.matching import Around, Evidence
 

@@ -11,7 +11,7 @@ from harness.model import Verdict
 from harness.model.report_types import CellEntry
 from harness.reports import document
 from harness.reports.tables import counted_failures
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 from harness.standalone.explain.explaining import Explanation, Facts, explain_text
 from harness.standalone.failures import matching
 

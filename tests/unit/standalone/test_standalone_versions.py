@@ -18,7 +18,7 @@ from packaging.requirements import Requirement as Theirs
 from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 
-from harness.running import shipped_signatures
+from harness.running.signatures import shipped_signatures
 from harness.standalone import requirements, versions
 from harness.standalone.requirements import Requirement
 from harness.standalone.versions import Specifiers

@@ -19,7 +19,7 @@ from harness.model.report_types import CellEntry, DiagnosisEntry, word
 from harness.model.vocabulary import required_name
 from harness.model.words import VIOLATION, in_words
 from harness.probes.wire import plain_records
-from harness.reports import redacting, reproducing
+from harness.reports.issue import redacting, reproducing
 from harness.reports.tables.counted_failures import counted
 from harness.reports.tables.tables import settings
 from harness.reports.text.markdown_texts import address, block, code, prose, table_cell

@@ -16,7 +16,7 @@ from harness.matrix.signatures import Signature
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Unreadable
 from harness.packages import locks
-from harness.running.signature_files import VARIABLE, folder
+from harness.running.signatures.signature_files import VARIABLE, folder
 
 HEAD, TAIL = 16_000, 48_000
 """Characters of a kept text that are looked at; of a longer one its middle is left out."""

@@ -14,7 +14,7 @@ def folder() -> Path | None:
     named = os.environ.get(VARIABLE)
     if named is not None:
         return Path(named) if named else None
-    package = Path(__file__).parent.parent
+    package = Path(__file__).parents[2]
     places = (place / "matrices" / FOLDER for place in (package, package.parent))
     return next((place for place in places if place.is_dir()), None)
 

@@ -25,8 +25,9 @@ from harness.model.report_types import format_count
 from harness.packages import download_notice, index
 from harness.packages.environments import environments
 from harness.packages.sources import overlays
-from harness.running import controls, offline_bundle
-from harness.running.offline_bundle import (
+from harness.running import controls
+from harness.running.offline import offline_bundle
+from harness.running.offline.offline_bundle import (
     Answer,
     BuiltWheel,
     FetchedCell,

@@ -9,7 +9,7 @@ import msgspec
 from harness.judging import known_issues
 from harness.judging.known_issues import Issue
 from harness.machine import store
-from harness.running.signature_files import files
+from harness.running.signatures.signature_files import files
 
 
 def load() -> tuple[Issue, ...]:
@@ -25,6 +25,6 @@ def load() -> tuple[Issue, ...]:
 
 def _encode_issues() -> bytes:
     from harness.judging.known_issues import from_signature  # noqa: PLC0415 - start-up
-    from harness.running import shipped_signatures  # noqa: PLC0415 - start-up
+    from harness.running.signatures import shipped_signatures  # noqa: PLC0415 - start-up
 
     return msgspec.json.encode(tuple(map(from_signature, shipped_signatures.load_all())))
