@@ -45,7 +45,7 @@ def endurance(session: nox.Session) -> None:
 
 @nox.session(python="3.11")
 def controls(session: nox.Session) -> None:
-    """Every control of `matrices/controls/` for real; `-- --lock ID` makes a lock anew."""
+    """Every control of `matrices/controls/` for real; `-- --lock ID` makes a lock again."""
     session.install("-e", ".[dev]")
     session.run("python", "tests/real/controls.py", *session.posargs)
 

@@ -127,7 +127,7 @@ def _unforeseen(error: Exception) -> int:
         return BadInput.exit_code
     machine = in_the_way(error)
     if machine:
-        print(f"simmatrix: {machine}; mend that and type the same again", file=sys.stderr)
+        print(f"simmatrix: {machine}; fix that and run the same command again", file=sys.stderr)
         return CouldNotTell.exit_code
     import traceback  # noqa: PLC0415 - start-up
 

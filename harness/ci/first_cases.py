@@ -104,7 +104,7 @@ class Scout:
             f"The package has {format_count(len(listed.candidates), 'environment')}; each can be a case of its own."
         ]
         if extras:
-            notes.append(f"None of them runs without an extra; these run with {', '.join(extras)}.")
+            notes.append(f"No environment runs without an extra; these run with {', '.join(extras)}.")
         notes += [f"{env} was tried and left out: {why}" for env, why in list(self.tried.items())[:ENOUGH]]
         return FirstCases(
             cases=tuple(cases), extras=extras, notes=tuple(notes), importable=True, registered=len(listed.candidates)

@@ -86,7 +86,7 @@ def _without(wanted: Range, versions: Sequence[str]) -> Range:
     """Return a range without some versions, with a note on why they are left out."""
     if not versions:
         return wanted
-    note = f"Left out, not installable beside the newest release of the other axes: {', '.join(versions)}."
+    note = f"Left out, not installable with the newest release of the other axes: {', '.join(versions)}."
     return replace(
         wanted,
         range=",".join([wanted.range, *(f"!={version}" for version in versions)]),

@@ -95,7 +95,7 @@ def _earlier(folder: Path, name: str, matrix: str) -> Manifest | None:
         offline_bundle.hash_of(path) == old.files[file].sha256 for file, path in now.items()
     ):
         return old
-    tell(f"{name}: was changed since it was fetched; its cells are fetched anew")
+    tell(f"{name}: was changed since it was fetched; its cells are fetched again")
     manifest = msgspec.structs.replace(
         old,
         matrices=tuple(one for one in old.matrices if one is not mine),

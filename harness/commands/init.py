@@ -39,7 +39,7 @@ import nox
 try:
     from harness import noxface
 except ImportError as missing:  # nox was installed apart
-    print(f"no sessions of cells here ({missing}): install simmatrix beside nox", file=sys.stderr)
+    print(f"no sessions of cells here ({missing}): install simmatrix with nox", file=sys.stderr)
 else:
     noxface.cells(@NAMES@)
 """
@@ -137,7 +137,7 @@ def _next(args: argparse.Namespace, matrices: Sequence[Path], files: _Files) -> 
     for line in files.open:
         files.say(f"not found out: {line}")
     if files.open and files.written:
-        again = "without --offline" if args.offline else "once that is mended"
+        again = "without --offline" if args.offline else "once that is fixed"
         files.say(f"next: type `simmatrix init` again {again}; it keeps what is there, so remove {matrices[0]} first")
 
 

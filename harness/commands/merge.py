@@ -21,7 +21,7 @@ from harness.reports.text import terminal
 from harness.standalone.output import print_json
 
 HELP = (
-    "Make one report of those of shards and machines, in whatever order and however often they are named;"
+    "Make one report of those of shards and machines, in any order, each named once or more;"
     " what no shard measured is not run."
 )
 
@@ -84,7 +84,7 @@ def _tell(whole: Document, reports: int, missing: int) -> None:
     print(f"{summary}{machines}, {gaps or 'none'} not run", file=sys.stderr)
     if missing:
         print(
-            f"{format_count(missing, 'file')} that the reports name are not beside them, and were left out",
+            f"{format_count(missing, 'file')} that the reports name are not next to them, and were left out",
             file=sys.stderr,
         )
 

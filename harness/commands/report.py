@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="write report.md and report.json into this folder")
     parser.add_argument("--into", type=Path, metavar="FILE", help="make the tables again that a Markdown file holds")
     parser.add_argument("--judge-again", action="store_true",
-                        help="judge reports again from the evidence that lies beside them, and say what is altered:"
+                        help="judge reports again from the evidence that lies next to them, and say what is altered:"
                              " nothing is measured")  # fmt: skip
     parser.add_argument("--write", action="store_true",
                         help="with --judge-again: write the reports as they are judged now")  # fmt: skip

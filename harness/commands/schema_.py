@@ -162,7 +162,7 @@ def _schemas(name: str | None) -> object:
     if name is None:
         return {known: _schema(known) for known in DOCUMENTS}
     if name not in DOCUMENTS:
-        message = f"schema {name}: no document is called so{schema.suggestion(name, DOCUMENTS)}"
+        message = f"schema {name}: unknown document{schema.suggestion(name, DOCUMENTS)}"
         raise BadInput(message)
     return _schema(name)
 

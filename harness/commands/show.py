@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print it as a report document, and nothing else, on stdout")
     parser.add_argument("--lock-out", type=Path, metavar="FILE",
-                        help="write its lock, and patched wheels that it needs beside it")  # fmt: skip
+                        help="write its lock, and patched wheels that it needs next to it")  # fmt: skip
     form.add_argument("--issue", action="store_true", help="print a red cell as a redacted report for its upstream")
 
 

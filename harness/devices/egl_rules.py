@@ -262,8 +262,7 @@ PRECEDENCE = (
             " EGL's list, never one in the list of the variable. A UUID and the empty text are errors.",
             f"If neither is set: {ARGUMENT}, else 0. No other device is tried where this one cannot be initialised or"
             " is not there.",
-            "The first environment decides for the whole process. MUJOCO_GL becomes egl, whatever it was, unless it was"
-            " osmesa or glx.",
+            "The first environment decides for the whole process. MUJOCO_GL becomes egl unless it was osmesa or glx.",
         ),
     ),
     Precedence(
@@ -283,7 +282,7 @@ PRECEDENCE = (
     Precedence(
         library="mujoco",
         releases="<3.2.5",
-        steps=("When it is imported with MUJOCO_GL=egl, by whatever library:", ONE_VARIABLE, FIRST),
+        steps=("When any library imports it with MUJOCO_GL=egl:", ONE_VARIABLE, FIRST),
     ),
     Precedence(library="mujoco", releases=">=3.2.5,<4", steps=(ONE_VARIABLE, f"{FIRST} {CUDA} is not read.")),
     Precedence(
@@ -297,7 +296,7 @@ PRECEDENCE = (
             " that can be initialised.",
         ),
     ),
-    Precedence(library="gymnasium", releases=">=0.27", steps=("What the MuJoCo beside it does.",)),
+    Precedence(library="gymnasium", releases=">=0.27", steps=("What the installed MuJoCo does.",)),
     Precedence(
         library="dm_control",
         releases=">=1.0.9",

@@ -364,11 +364,11 @@ def _check_expect(matrix: Matrix, expected: ExpectTable | ChangedTable) -> None:
     phases = (*CELL_PHASES, Phase.INTEROP, *((Phase.SUITE,) if matrix.suite else ()))
     message = None
     if expected.verdict not in EXPECTABLE:
-        message = f'"{expected.verdict}" says nothing about packages and cannot be expected'
+        message = f'"{expected.verdict}" does not test packages and cannot be expected'
     elif expected.phase is not None and expected.phase not in phases:
         message = f'no cell goes through the phase "{expected.phase}" yet'
     elif expected.match and expected.code:
-        message = '"match" is of what a library says, "code" of what a check of ours observes; write one of them'
+        message = '"match" fits the text of a library, "code" what a check observes; write one of them'
     else:
         message = refusal(expected.code, expected.data)
     if message:

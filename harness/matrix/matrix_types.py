@@ -115,7 +115,7 @@ class Changes(Table, frozen=True, kw_only=True):
     """The additions that the matrix makes to every cell, or one value of an axis to its cells."""
 
     requirements: Annotated[tuple[Requirement, ...], Meta(description="asked for besides the package axes")] = ()
-    constraints: Annotated[tuple[Constraint, ...], Meta(description="bounds on whatever is installed")] = ()
+    constraints: Annotated[tuple[Constraint, ...], Meta(description="bounds on anything that is installed")] = ()
     overrides: Annotated[tuple[Constraint, ...], Meta(description="replace what packages themselves require")] = ()
     build_constraints: Annotated[tuple[Constraint, ...], Meta(description="bounds on what builds use")] = ()
     build_variables: Annotated[Variables, Meta(description="environment variables of builds")] = Variables()
@@ -288,7 +288,7 @@ def _version_value(written: str | VersionTable) -> Value:
 
 
 class SuiteTable(Table, frozen=True, kw_only=True):
-    """The subject's own pytest suite, run in an environment of its own beside each cell."""
+    """The subject's own pytest suite, run in an environment of its own next to each cell."""
 
     arguments: Annotated[tuple[str, ...], Meta(description="of pytest; default: what the project's settings say")] = ()
     requirements: Annotated[tuple[Requirement, ...], Meta(description="asked for besides; pytest always is")] = ()
@@ -331,7 +331,7 @@ class ExpectTable(Table, frozen=True, kw_only=True):
     when: When = {}
     phase: Annotated[Phase | None, Meta(description="the first phase that fails")] = None
     match: Annotated[Pattern | None, Meta(description="regular expression on the decisive line")] = None
-    code: Annotated[str | None, Meta(description="what a check of ours observes, instead of a match")] = None
+    code: Annotated[str | None, Meta(description="what a check observes, instead of a match")] = None
     data: Annotated[dict[str, Any], Meta(description="of it: expressions for whole values, or tables of them")] = field(
         default_factory=dict
     )
@@ -352,7 +352,7 @@ class ChangedTable(Table, frozen=True, kw_only=True):
     reason: Annotated[str | None, Meta(description="by default that of the change")] = None
     phase: Annotated[Phase | None, Meta(description="the first phase that fails")] = None
     match: Annotated[Pattern | None, Meta(description="regular expression on the decisive line")] = None
-    code: Annotated[str | None, Meta(description="what a check of ours observes, instead of a match")] = None
+    code: Annotated[str | None, Meta(description="what a check observes, instead of a match")] = None
     data: Annotated[dict[str, Any], Meta(description="of it: expressions for whole values, or tables of them")] = field(
         default_factory=dict
     )
@@ -379,7 +379,7 @@ class ChangeTable(Changes, frozen=True, kw_only=True):
     ] = None
     advice: Annotated[bool, Meta(description="whether it is what people say helps")] = False
     link: Annotated[str | None, Meta(description="where that is said")] = None
-    expect: Annotated[ChangedTable, Meta(description="what comes of it; default: it works")] = field(
+    expect: Annotated[ChangedTable, Meta(description="the expected result; default: it works")] = field(
         default_factory=ChangedTable
     )
 

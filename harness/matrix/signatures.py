@@ -115,7 +115,7 @@ class RemedyTable(Table, frozen=True, kw_only=True):
     requirements: Annotated[
         tuple[Requirement, ...], Meta(description="asked for instead of what was asked for of the same package")
     ] = ()
-    constraints: Annotated[tuple[Requirement, ...], Meta(description="bounds on whatever is installed")] = ()
+    constraints: Annotated[tuple[Requirement, ...], Meta(description="bounds on anything that is installed")] = ()
     overrides: Annotated[tuple[Requirement, ...], Meta(description="replace what packages themselves require")] = ()
     build_constraints: Annotated[tuple[Requirement, ...], Meta(description="bounds on what builds use")] = ()
     build_variables: Annotated[Variables, Meta(description="environment variables of builds")] = Variables()
@@ -169,7 +169,7 @@ class Signature(Table, frozen=True, kw_only=True):
     pattern: PortablePattern | None = None
     code: Annotated[
         str | Annotated[tuple[str, ...], Meta(min_length=2)] | None,
-        Meta(description="of what a check of ours observes, or one of several: a pattern is of what libraries print"),
+        Meta(description="what a check observes, or one of several; a pattern fits what libraries print"),
     ] = None
     data: Annotated[
         dict[str, Any], Meta(description="of such an observation: expressions for whole values, or tables of them")

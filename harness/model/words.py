@@ -248,7 +248,7 @@ def refusal(code: str | None, wanted: Mapping[str, Any]) -> str | None:
         vague = re.search(sentence_pattern(code, wanted), "")
     except re.error as error:
         return f'the "data" of "{code}" are no regular expressions: {error}'
-    return f'"{code}" alone is of whatever a library says; write "data", or a pattern' if vague else None
+    return f'"{code}" alone fits any text of a library; write "data", or a pattern' if vague else None
 
 
 def escaped(text: str) -> str:

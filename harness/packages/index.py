@@ -383,7 +383,7 @@ def _check(path: Path, artifact: Artifact) -> None:
     if sha256 != artifact.sha256:
         message = (
             f"{artifact.filename} from {_shown(artifact.source)} is not the file that the lock names: "
-            f"its SHA-256 is {sha256}, not {artifact.sha256}; try again, or lock anew"
+            f"its SHA-256 is {sha256}, not {artifact.sha256}; try again, or lock again with --upgrade"
         )
         raise IndexUnreachable(message)
 

@@ -180,7 +180,9 @@ def _restore_pin(
 ) -> Pin:
     offered = [one for one in _offered(package or {}) if one.sha256 in hashes]
     if not offered:
-        message = f"no index or find-links place that was asked has {name} {version} with a hash of the lock; lock anew"
+        message = (
+            f"no index or find-links place that was asked has {name} {version} with a hash of the lock; lock again"
+        )
         raise CouldNotTell(message)
     offered.sort(
         key=lambda artifact: rank(artifact.filename, interpreter) if artifact.is_wheel else (UNRANKED + 1, (0, ""))

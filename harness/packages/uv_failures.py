@@ -56,7 +56,7 @@ UNKNOWN_TO_INDEX = re.compile(
 """A failed resolution that an index may have caused and mended since."""
 
 OTHER_FILE = (
-    "it is not the file that was locked: if the index was wrong then and is mended, lock anew "
+    "it is not the file that was locked: if the index was wrong then and is right now, lock again "
     "(`simmatrix lock MATRIX --upgrade`)"
 )
 
@@ -217,7 +217,7 @@ def _trouble(words: _UvMessage) -> str:
     lines = [LEAD.sub("", line).strip() for line in statements]
     if any("Hash mismatch" in line for line in lines):
         return shorten_line(f"{lines[0]}: {lines[-1]}; {OTHER_FILE}")
-    return shorten_line(": ".join(dict.fromkeys((lines[0], lines[-1]))) if lines else "uv said nothing")
+    return shorten_line(": ".join(dict.fromkeys((lines[0], lines[-1]))) if lines else "uv printed nothing")
 
 
 def _last_cause(words: _UvMessage) -> str:

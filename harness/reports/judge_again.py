@@ -168,7 +168,7 @@ def _tell_untold(folder: Path) -> None:
     named = ", ".join(cell.id for cell in cells[:MOST_NAMED])
     more = f" and {len(cells) - MOST_NAMED} more" if len(cells) > MOST_NAMED else ""
     print(
-        f"{os.path.relpath(folder)}: its evidence does not lie beside it; not judged again: {named}{more}",
+        f"{os.path.relpath(folder)}: its evidence does not lie next to it; not judged again: {named}{more}",
         file=sys.stderr,
     )
 

@@ -153,7 +153,9 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
     code = document.exit_code(document.only(whole, measured) if wanted.alone else whole, wanted.fail_on)
     troubles = [one.trouble for one in reports if one.trouble]
     for trouble in troubles:
-        print(f"simmatrix: the report is not written: {trouble}; mend that and type the same again", file=sys.stderr)
+        print(
+            f"simmatrix: the report is not written: {trouble}; fix that and run the same command again", file=sys.stderr
+        )
     return code or (CouldNotTell.exit_code if troubles else 0)
 
 

@@ -179,7 +179,7 @@ def _expansion(
     }
     expansion = version_ranges.expand(matrix, releases, instant, _breaks())
     write_atomic(file, version_ranges.text_of(expansion).encode())
-    say(f"expanded {', '.join(matrix.ranges)} as of {instant} into {file}; commit it beside the matrix")
+    say(f"expanded {', '.join(matrix.ranges)} as of {instant} into {file}; commit it next to the matrix")
     return expansion
 
 
@@ -197,7 +197,7 @@ def _chosen(sources: plan.Sources, expansion: Expansion, ask: plan.Ask, say: Cal
     file = _expanded(Path(sources.matrix.path))
     chosen = msgspec.structs.replace(expansion, chosen=plan.choose(plan.candidates(sources), ask_settled, say))
     write_atomic(file, version_ranges.text_of(chosen).encode())
-    say(f"chose combinations as of {chosen.instant} into {file}; commit it beside the matrix")
+    say(f"chose combinations as of {chosen.instant} into {file}; commit it next to the matrix")
     return chosen
 
 

@@ -450,7 +450,7 @@ class TestFetch:
 
         assert str(raised.value) == (
             f"pole-1.0-py3-none-any.whl from {server.url}/pole.whl is not the file that the lock names: its SHA-256 is "
-            f"{hashlib.sha256(b'other').hexdigest()}, not {artifact.sha256}; try again, or lock anew"
+            f"{hashlib.sha256(b'other').hexdigest()}, not {artifact.sha256}; try again, or lock again with --upgrade"
         )
         assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 

@@ -416,5 +416,5 @@ class TestRestore:
         assert expect_failure(self.restored(text, host, offline_index, tmp_path)) == (
             Phase.RESOLVE,
             Outcome.INFRA,
-            "no index or find-links place that was asked has fake-plain 1.0 with a hash of the lock; lock anew",
+            "no index or find-links place that was asked has fake-plain 1.0 with a hash of the lock; lock again",
         )

@@ -80,7 +80,7 @@ def test_a_lock_is_restored_where_the_wheel_was_never_made(
     assert isinstance(bare, Step)
     assert (bare.outcome, bare.decisive) == (
         Outcome.INFRA,
-        "no index or find-links place that was asked has fake-metadata-invalid 1.0 with a hash of the lock; lock anew",
+        "no index or find-links place that was asked has fake-metadata-invalid 1.0 with a hash of the lock; lock again",
     )
 
 

@@ -19,7 +19,7 @@ from harness.standalone.adapters import adapters
 MOST_STACKS = 200_000
 """Characters of faulthandler's stacks that are looked at."""
 
-TAKEN_AWAY = "the environment was taken away, or changed, while it was used"
+TAKEN_AWAY = "the environment was removed or changed while it was used"
 """Why a failure says nothing of packages: the environment no longer stands as it was installed."""
 
 UNMEASURED = "unmeasured."

@@ -96,8 +96,8 @@ def _check_size(axes: Axes) -> None:
     factors = " x ".join(f"{len(listed)} {name}" for name, listed in axes.items() if len(listed) > 1)
     longest = max(axes, key=lambda name: len(axes[name]))
     message = (
-        f"{amount(count)} combinations ({shorten(factors)}), at most {MOST:,} can be planned, whatever a strategy, an"
-        f' exclude or -k leaves of them; list fewer values, first of all of "{longest}", or split the matrix'
+        f"{amount(count)} combinations ({shorten(factors)}), at most {MOST:,} can be planned, before a strategy, an"
+        f' exclude or -k selects from them; list fewer values, first of all of "{longest}", or split the matrix'
     )
     raise ValueError(message)
 

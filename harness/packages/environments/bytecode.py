@@ -107,7 +107,7 @@ def lend_folders(source: Source, shown: Path, trust: str) -> Iterator[RunFolders
         for folder in folders.writable:
             folder.mkdir(parents=True, exist_ok=True)
         code = _grown(source)
-        with suppress(OSError):  # without it Python compiles anew
+        with suppress(OSError):  # without it Python compiles again
             _unpacked(code, folders.prefix, source, shown)
         yield folders
         with suppress(OSError):

@@ -153,7 +153,7 @@ def _half(half: Half) -> str:
     if half.combination:
         return f"{' with '.join(half.packages)} alone works: {paste(half.combination)}"
     if half.installed:
-        return f"{half.packages[0]} was installed beside, never run: {', '.join(half.installed[:SHOWN])}"
+        return f"{half.packages[0]} was installed too, never run: {', '.join(half.installed[:SHOWN])}"
     return f"{' with '.join(half.packages)}: nothing measured is good"
 
 
@@ -162,7 +162,7 @@ def _unknown(answer: Recommended, names: Iterable[str]) -> Iterator[str]:
     for name in answer.unknown:
         yield f"{name}: nothing was measured with it{suggestion(name, names).partition('; valid')[0]}"
     for name, releases in answer.installed.items():
-        yield f"{name} was installed beside other packages, never run: {_some(releases, whole=False)}"
+        yield f"{name} was installed with other packages, never run: {_some(releases, whole=False)}"
 
 
 # --- what does not ---------------------------------------------------------------------------------------------
@@ -188,7 +188,7 @@ def _trap(trap: Red) -> Iterator[str]:
     how = " or ".join(word(verdict) for verdict in trap.verdicts)
     where = f" in {trap.phase}" if trap.phase and trap.verdicts != ("unresolvable",) else ""
     deciding = ", ".join(f"{name} {' or '.join(held[:FEW])}" for name, held in (trap.deciding or trap.beside).items())
-    deciding = deciding and f", {'with' if trap.deciding else 'measured beside'} {deciding}"
+    deciding = deciding and f", {'with' if trap.deciding else 'measured with'} {deciding}"
     pythons = "" if "Python" in trap.deciding else f" on Python {', '.join(trap.pythons)}"
     yield f"{versions}{more}{deciding}{pythons}: {how}{where}"
     yield from (f"  {textwrap.shorten(text, LONGEST, placeholder=' ...')}" for text in (trap.line, trap.reason) if text)

@@ -183,4 +183,4 @@ def relax(query: Query) -> Iterator[tuple[str, Query]]:
     free = tuple(replace(one, versions=SpecifierSet()) for one in query.wanted)
     if any(one.versions for one in query.wanted):
         yield "of other versions", replace(query, wanted=free)
-    yield "of other versions, on other Pythons, whatever passed", Query(wanted=free)
+    yield "of other versions, on other Pythons, even if they passed", Query(wanted=free)

@@ -30,7 +30,7 @@ def lines(document: RepairDocument) -> Iterator[str]:
     if before.decisive:
         yield f"  {before.decisive}"
     if document.status is Status.UNTOLD and len(document.runs) == 1:
-        yield "this says nothing about the packages, so there is nothing to repair; mend that and type the same again"
+        yield "the packages were not tested, so there is nothing to repair; fix that and run the same command again"
         return
     for cause in document.causes[:1]:
         yield f"{'hides why' if cause.masks else 'cause'}: {cause.cause} [{cause.signature}]"
@@ -66,7 +66,7 @@ def _describe_remedy(document: RepairDocument, remedy: RemedyEntry) -> Iterator[
 
 def _nothing(document: RepairDocument) -> Iterator[str]:
     if document.status is Status.UNTOLD:
-        yield "nothing that could be told cures it; mend what stands in the note and type the same again"
+        yield "nothing that could be told cures it; fix what the note names and run the same command again"
     elif document.status is Status.STOPPED:
         yield f"stopped short: {document.stopped}; not tried yet: {', '.join(document.left)}"
     else:

@@ -125,7 +125,7 @@ def read(folder: Path) -> Manifest:
     try:
         return schema.load_json(content, Manifest, str(path))
     except BadInput as error:
-        message = f"{error}; remove the file and fetch again: what lies beside it is kept where it is whole"
+        message = f"{error}; remove the file and fetch again: complete files next to it are kept"
         raise BadInput(message) from None
 
 

@@ -55,7 +55,7 @@ def fault(owner: Owner, cell: Cell, phase: Phase, error: Exception) -> Step:
     log = _keep_traceback(owner, cell, error, places)
     machine = in_the_way(error)
     if machine:
-        reason = f"{machine}; mend that and run it again"
+        reason = f"{machine}; fix that and run it again"
     else:
         reason = f"a fault of simmatrix, not of the packages: {summary}"
         where = f"; please report it with {log}" if log else "; please report it"

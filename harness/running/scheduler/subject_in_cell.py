@@ -169,7 +169,7 @@ class Suite:
         question = own_suites.question(cell_question, self.lock, subject, self.tested, self.interpreter)
         lock, step = yield from self.owner.lock(question, self.interpreter)
         if lock is None:
-            reason = f"the tests cannot have their packages beside the cell's: {step.decisive}"
+            reason = f"the tests' packages cannot be installed with the cell's: {step.decisive}"
             self.failed = own_suites.not_run(reason, step)
             return
         moved = own_suites.describe_version_changes(self.lock, lock)

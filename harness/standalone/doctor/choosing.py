@@ -82,7 +82,7 @@ def _resolve_option(text: str, variables: Mapping[str, str], folder: str) -> str
         dangling = next((one for one in (os.path.join(path, *parts) for parts in NAMES) if os.path.islink(one)), None)
         if dangling:
             gone = os.path.realpath(dangling)
-            message = "--python {}: its Python was {}, which is gone; make the environment anew".format(text, gone)
+            message = "--python {}: its Python was {}, which is gone; create the environment again".format(text, gone)
             raise NoEnvironment(message)
         message = "--python {}: no Python lies in that folder; {}".format(text, HOW)
         raise NoEnvironment(message)

@@ -235,7 +235,7 @@ def _without_effect(here: Viewpoint, apart: Sequence[Difference]) -> List[Findin
 def _by(here: Viewpoint, by: Sequence[str]) -> str:
     """Return the settings that cause a difference, in words, with the values that may be shown."""
     if not by:
-        return "something in the caller's settings, found in none of them alone,"
+        return "something in the caller's settings, but in no single setting,"
     named = ("{}={}".format(name, here.variables[name]) if name.startswith(SHOWN_PREFIXES) else name for name in by)
     return " and ".join(named)
 

@@ -140,9 +140,7 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
     if not failure.failed and hits:
         failure = failure._replace(failed=True, decisive=hits[0].seen)
     if TROUBLE.search(failure.decisive or "") and _deepest(hits) is None:
-        findings.append(
-            ("machine", WARNING, "this machine or its network is at fault, and no package: mend that first")
-        )
+        findings.append(("machine", WARNING, "this machine or its network is at fault, not a package: fix that first"))
     findings += _note_other_failure(failure, hits)
     findings += _note_measurements(failure, hits, here.measured)
     return Explanation(failure, text_hints, hits, tuple(findings))

@@ -219,7 +219,7 @@ def test_a_folder_tells_what_it_is_not(
     grown = online.run("fetch", changed, "--to", folder, "-k", "*-more")
     cells = json.loads((folder / "manifest.json").read_text())["cells"]
 
-    assert "was changed since it was fetched; its cells are fetched anew" in grown.err
+    assert "was changed since it was fetched; its cells are fetched again" in grown.err
     assert [cell["id"].rpartition("_")[2] for cell in cells] == ["more"]
 
 

@@ -169,7 +169,7 @@ def test_a_suite_that_would_move_a_pin(desk: Desk, project: Path) -> None:
     assert (told["verdict"], told["as_expected"], told["phases"]["import"]) == ("not_run", None, "passed")
     assert (told["suite"]["outcome"], told["phases"]["suite"]) == ("not_reached", "not_reached")
     assert told["installed"] == {"fake-plain": "1.0", "own-envs": "1.0"}
-    assert told["suite"]["decisive"].startswith("the tests cannot have their packages beside the cell's: Because ")
+    assert told["suite"]["decisive"].startswith("the tests' packages cannot be installed with the cell's: Because ")
     assert "fake-plain==1.0" in told["suite"]["decisive"]
 
 
@@ -237,7 +237,7 @@ def test_a_suite_whose_environment_goes_blames_nobody(desk: Desk, project: Path)
     (cell,) = CommandResult(code=process.returncode, out=out, err=err).document["cells"]
 
     assert (cell["suite"]["outcome"], cell["phases"]["suite"]) == ("infra", "infra")
-    assert cell["decisive"] == "the environment was taken away, or changed, while it was used"
+    assert cell["decisive"] == "the environment was removed or changed while it was used"
 
 
 def test_a_wheel_and_what_cannot_be(desk: Desk, project: Path) -> None:

@@ -91,6 +91,6 @@ def test_a_range_without_values_that_clash_says_so() -> None:
 
     assert found.range == ">=0.26,!=0.28.1"
     assert found.note == (
-        "Left out: 0.27. Left out, not installable beside the newest release of the other axes: 0.28.1."
+        "Left out: 0.27. Left out, not installable with the newest release of the other axes: 0.28.1."
     )
     assert first_draft._without(wanted, ()) is wanted

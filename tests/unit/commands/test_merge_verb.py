@@ -160,7 +160,7 @@ class TestHostileReports:
         assert {str(found) for found in Path().rglob("*") if not str(found).startswith("out")} == before
         assert not [found for found in Path("out").rglob("*") if found.is_file() and found.read_text() == "secret"]
         if path:
-            assert "1 file that the reports name are not beside them" in capsys.readouterr().err
+            assert "1 file that the reports name are not next to them" in capsys.readouterr().err
 
     def test_nothing_outside_is_swept(self, shards: Path) -> None:
         """Files that an older report in the target names are removed, but none elsewhere, nor the target itself."""

@@ -114,7 +114,7 @@ def test_what_was_never_run_is_never_good(capsys: pytest.CaptureFixture[str], na
     """Packages that only lay in locks of the shipped results."""
     assert main(["recommend", name]) == 1
 
-    assert capsys.readouterr().out.startswith(f"{name} was installed beside other packages, never run: ")
+    assert capsys.readouterr().out.startswith(f"{name} was installed with other packages, never run: ")
 
 
 def test_never_measured_together_is_an_answer(capsys: pytest.CaptureFixture[str]) -> None:

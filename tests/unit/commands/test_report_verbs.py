@@ -269,6 +269,4 @@ class TestSchema:
     def test_unknown_name(self, capsys: pytest.CaptureFixture[str]) -> None:
         """An unknown document is refused with the nearest name."""
         assert main(["schema", "reprot"]) == 2
-        assert capsys.readouterr().err == (
-            'simmatrix: schema reprot: no document is called so; did you mean "report"?\n'
-        )
+        assert capsys.readouterr().err == ('simmatrix: schema reprot: unknown document; did you mean "report"?\n')

@@ -137,5 +137,5 @@ def test_no_more_than_ten_devices_are_looked_at() -> None:
 
 @pytest.mark.parametrize(("mujoco", "stage"), [("3.2.4", Stage.IMPORT), ("3.2.5", Stage.MAKE)])
 def test_when_it_is_decided(mujoco: str, stage: Stage) -> None:
-    """MuJoCo before 3.2.5 opens its display when it is imported, whoever draws."""
+    """MuJoCo before 3.2.5 opens its display when it is imported, even if another library renders."""
     assert choose_device("robosuite", "1.5.0", Settings(egl="7"), SEVERAL, mujoco).stage is stage

@@ -120,7 +120,7 @@ class TestCells:
             (OLD + "exspect = {}", 'change[0].exspect: unknown key; did you mean "expect"?'),
             (OLD + 'when = { mujocco = ">=3" }', 'change[0].when.mujocco: there is no such axis; did you mean'),
             (OLD + 'extras = ["x"]', "change[0].extras: there is no package under test to have it"),
-            (OLD + 'expect = { verdict = "not_run" }', 'change[0].expect: "not_run" says nothing about packages'),
+            (OLD + 'expect = { verdict = "not_run" }', 'change[0].expect: "not_run" does not test packages'),
             (OLD + 'expect = { verdict = "broken", phase = "suite" }', 'change[0].expect: no cell goes through'),
             (OLD + OLD, 'change[1]: another change of demo/py3.11_mujoco-3.3.7_egl is called "old", too'),
             (OLD + 'overlay = ["gim"]', 'change[0]: no recipe repairs "gim"'),

@@ -311,7 +311,7 @@ MISTAKES: dict[str, tuple[str, str]] = {
     ),
     "expect-verdict": (
         AXES + CASE + '[[expect]]\ncells = "*"\nverdict = "unavailable"\nreason = "x"',
-        'demo.toml: expect[0]: "unavailable" says nothing about packages and cannot be expected',
+        'demo.toml: expect[0]: "unavailable" does not test packages and cannot be expected',
     ),
     "expect-phase": (
         AXES + CASE + '[[expect]]\ncells = "*"\nverdict = "partial"\nphase = "suite"\nreason = "x"',

@@ -213,7 +213,7 @@ OLDER = """\
             Phase.INSTALL,
             Outcome.INFRA,
             "Failed to download `cloudpickle==3.1.2`: Hash mismatch for `cloudpickle==3.1.2`; it is not the file that was "
-            "locked: if the index was wrong then and is mended, lock anew (`simmatrix lock MATRIX --upgrade`)",
+            "locked: if the index was wrong then and is right now, lock again (`simmatrix lock MATRIX --upgrade`)",
             id="hash",
         ),
         pytest.param(

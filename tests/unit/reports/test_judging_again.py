@@ -1,4 +1,4 @@
-"""A report is judged again from the evidence that lies beside it: the same comes of it, or what judging alters."""
+"""A report is judged again from the evidence that lies next to it: the same comes of it, or what judging alters."""
 
 from __future__ import annotations
 
@@ -150,6 +150,9 @@ def test_a_matrix_that_cannot_be_read_is_named(quickstart: Path, capsys: pytest.
     """Then the report is judged by what was planned when it was measured."""
     quickstart.write_text("nonsense = 1\n" + quickstart.read_text())
 
+    # The matrix has been reworded since, so the committed report has other words than the plan of that time.
+    assert main(["report", "--judge-again", "--write", "quickstart"]) == 0
+    assert capsys.readouterr().out == "quickstart: titles, tables or words, and no cell\n"
     assert main(["report", "--judge-again", "quickstart"]) == 0
     assert "quickstart is judged as it was planned, not as its matrix is today: " in capsys.readouterr().err
 
@@ -175,7 +178,7 @@ def test_a_report_without_evidence_cannot_be_judged_again(
 
     assert main(["report", "--judge-again", str(folder)]) == 3
     assert capsys.readouterr().err.splitlines() == [
-        "report: its evidence does not lie beside it; not judged again: packed/py3.11_gymnasium-1.0.0, "
+        "report: its evidence does not lie next to it; not judged again: packed/py3.11_gymnasium-1.0.0, "
         "packed/py3.11_gymnasium-1.1.0, packed/py3.11_gymnasium-1.2.0",
         "0 reports judged again, none altered",
     ]

@@ -66,7 +66,7 @@ def test_nothing_to_look_at(tmp_path: Path) -> None:
     assert refused("text") == f"--python text: this file cannot be run; {hint}"
     assert refused("gone") == f"--python gone: there is no such file or folder; {hint}"
     assert refused("moved") == (
-        "--python moved: its Python was /usr/local/python-that-was, which is gone; make the environment anew"
+        "--python moved: its Python was /usr/local/python-that-was, which is gone; create the environment again"
     )
     assert refused(None) == (
         f"there is no Python here: no environment is active, ./.venv is none, and PATH has none; {hint}"
