@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--limit", type=int, default=SHOWN, metavar="N", help=f"combinations in --json [{SHOWN}]")
     parser.add_argument("--all", action="store_true", help="show every combination and every trap")
     parser.add_argument("--lock-out", type=Path, metavar="FILE",
-                        help="write the lock of the first one, and patched wheels that it needs next to it")  # fmt: skip
+                        help="write the lock of the first one, and its patched wheels next to it")  # fmt: skip
     parser.add_argument("--offline", action="store_true", help="never ask the index whether a package exists")
     parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
 
