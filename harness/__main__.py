@@ -32,6 +32,7 @@ GROUPS = {
         "doctor": ("harness.commands.doctor", "inspect an environment, and name the nearest versions that work"),
         "repair": ("harness.commands.repair", "find the smallest change that makes a combination work"),
         "bisect": ("harness.commands.bisect", "find the release, day or Python at which a combination broke"),
+        "compare": ("harness.commands.compare", "tell whether two combinations behave the same"),
         "show": ("harness.commands.show", "show all that is known of one combination"),
     },
     "measure": {
@@ -39,6 +40,7 @@ GROUPS = {
         "plan": ("harness.commands.plan", "list the combinations of a matrix, and which were dropped"),
         "lock": ("harness.commands.lock", "resolve every combination to hash-pinned requirements"),
         "run": ("harness.commands.run", "lock, build, install, test and report every combination of a matrix"),
+        "freeze": ("harness.commands.freeze", "write how an environment behaves, and check that it still does"),
         "fetch": ("harness.commands.fetch", "download all that a matrix needs, to measure without network"),
     },
     "publish": {

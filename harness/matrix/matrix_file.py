@@ -93,6 +93,18 @@ def sources(matrix: Matrix) -> dict[str, str]:
     }
 
 
+def banks(matrix: Matrix) -> dict[str, str]:
+    """Return the banks of states that cases name: each path, relative to the matrix file's folder, and who asks."""
+    tables = [("cases", index, table) for index, table in enumerate(matrix.cases)]
+    tables += [
+        (key_path("axes", axis, value.text, "cases"), index, table)
+        for axis, read_axis in matrix.axes.items()
+        for value in read_axis.values
+        for index, table in enumerate(value.cases)
+    ]
+    return {str(table.bank): f"{matrix.path}: {place}[{index}].bank" for place, index, table in tables if table.bank}
+
+
 def repairing(matrix: Matrix) -> bool:
     """Return whether some of its cells take repaired releases."""
     return any(changes.overlay for _, changes in _changes(matrix))

@@ -169,11 +169,17 @@ class CaseTable(Table, frozen=True, kw_only=True):
         Literal["baseline"] | None, Meta(description="baseline: exists in the cells of that strategy alone")
     ] = None
     timeouts: Annotated[
-        dict[Literal["import", "single", "vector", "render", "interop"], Annotated[float, Meta(gt=0, le=1e6)]],
+        dict[
+            Literal["import", "single", "vector", "render", "behave", "interop"], Annotated[float, Meta(gt=0, le=1e6)]
+        ],
         Meta(description="phase to seconds for each of its checks"),
     ] = {}
     picture: Annotated[
         PictureTable | None, Meta(description="colours of a right picture after the first reset, as #rrggbb")
+    ] = None
+    bank: Annotated[
+        InnerPath | None,
+        Meta(description="bank of states for the phase `behave`, made by `freeze`; relative to the matrix file"),
     ] = None
     steps: Annotated[int, Meta(ge=1, le=10**9)] = 100
     seed: Annotated[int, Meta(ge=0)] = 7

@@ -67,6 +67,49 @@ class FindingEntry(msgspec.Struct, frozen=True, kw_only=True):
     cases: tuple[str, ...] = ()
 
 
+class BehaviourEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """The behaviour of a case: its family among the cells of the report, and how it compares with a neighbour.
+
+    `bank` is the SHA-256 of the states that it was stepped from, `reference` the cell before it on an axis. `classes`
+    are those of `sum`, `dynamics`, `observation`, `reward`, `termination` and `start`; see `physics/comparison.py`.
+    `boundary` says what differs from the reference.
+    """
+
+    bank: str
+    family: str
+    method: Literal["states", "seeded"] = "states"
+    reference: str | None = None
+    classes: dict[str, str] = {}
+    boundary: str | None = None
+
+
+class BoundaryEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """Two neighbouring releases between which a case behaves otherwise.
+
+    `moved` are other packages whose versions differ between the two cells: where there are any, the change is not
+    separated from them. `between` are releases between the two that were not measured. `largest` and `median` are the
+    differences of `output` in typical sizes, `share` is the share of the states that differ.
+    """
+
+    matrix: str
+    case: str
+    env: str | None
+    axis: str
+    before: str
+    after: str
+    cells: tuple[str, str]
+    kind: str
+    start: str
+    stage: str | None
+    output: str | None
+    largest: float
+    median: float
+    share: float
+    moved: dict[str, tuple[str | None, str | None]]
+    between: tuple[str, ...]
+    text: str
+
+
 class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
     """One environment tried. `reasons` and `masked` say per check why it ended so, and what hid that.
 
@@ -93,6 +136,7 @@ class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
     misleads: tuple[str, ...] = ()
     unverified: tuple[str, ...] = ()
     exercised: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
+    behaviour: BehaviourEntry | msgspec.UnsetType = msgspec.UNSET
 
 
 class ExpectationEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -319,3 +363,4 @@ class Document(msgspec.Struct, frozen=True, kw_only=True):
     matrices: dict[str, MatrixEntry] = {}
     stale: tuple[str, ...] = ()
     probes: dict[str, str] = {}
+    boundaries: tuple[BoundaryEntry, ...] | msgspec.UnsetType = msgspec.UNSET

@@ -31,7 +31,7 @@ class Phase(StrEnum):
 CELL_PHASES = (Phase.RESOLVE, Phase.INSTALL, Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER)
 """Phases that every cell reports, always present in the document."""
 
-CASE_PHASES = (Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER, Phase.INTEROP)
+CASE_PHASES = (Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER, Phase.BEHAVE, Phase.INTEROP)
 """Phases that a probe runs, in this order; of the last one only what a case asks for by name."""
 
 
@@ -132,7 +132,7 @@ class Case:
     names imported first. `packages` are distributions asked for: without an environment their modules are imported,
     else those of the ones that speak the API, where the environment is not registered without them (`providers`, which
     the host fills in after the install; `beside` are modules of other packages that speak it). `picture` has two
-    colours of a right picture, `above` and `below`.
+    colours of a right picture, `above` and `below`. `bank` is the SHA-256 of the states that it is stepped from.
     """
 
     id: str
@@ -147,6 +147,7 @@ class Case:
     beside: tuple[str, ...] = ()
     timeouts: Mapping[Phase, float] = field(default_factory=dict)
     picture: Mapping[str, str] | None = None
+    bank: str | None = None
     steps: int = 100
     seed: int = 7
     memory_mb: int = 6000
@@ -378,7 +379,8 @@ class Plan:
     """Everything a matrix stands for: cells to run, combinations dropped, expectations that match no cell.
 
     `snapshot` is the cutoff that the matrix itself, or its expansion, names, `pivot` the axes of its small table,
-    `title` the heading of its report, `page` the text of the template of its page. `variants` are the ids of cells that
+    `title` the heading of its report, `page` the text of the template of its page. `banks` maps the SHA-256 of each
+    bank of states to its file. `variants` are the ids of cells that
     the matrix names as side conditions.
     """
 
@@ -393,6 +395,7 @@ class Plan:
     title: str = ""
     page: str | None = None
     variants: frozenset[str] = frozenset()
+    banks: Mapping[str, str] = field(default_factory=dict)
 
 
 # --- what was found --------------------------------------------------------------------------------------------

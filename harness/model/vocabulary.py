@@ -58,10 +58,11 @@ class Rule(StrEnum):
 
 
 CheckName = Literal[
-    "import", "single", "vector", "render", "interop", "vector.*",
+    "import", "single", "vector", "render", "behave", "interop", "vector.*",
     "import.modules", "single.loop", "vector.sync", "vector.async.fork", "vector.async.spawn",
     "vector.async.forkserver", "vector.async.unshared", "vector.async.many", "vector.autoreset", "render.rgb_array",
     "render.device",
+    "behave.steps",
     "interop.sb3.check_env", "interop.sb3.learn",
     "interop.torchrl.gym", "interop.torchrl.gym_tensor", "interop.torchrl.isaaclab",
     "interop.torchrl.isaaclab_native", "interop.torchrl.backend",
@@ -398,9 +399,9 @@ def checks_of(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _stands_for(check: str, names: Sequence[str]) -> bool:
-    """Return whether one of these phases names a check: one that cases run unasked, or any, of interop and by `.*`."""
+    """Return whether one of these phases names a check: a usual one, or any, of behave, of interop and by `.*`."""
     phase = check.partition(".")[0]
-    return f"{phase}.*" in names or (phase in names and (check in STANDARD or phase == "interop"))
+    return f"{phase}.*" in names or (phase in names and (check in STANDARD or phase in {"behave", "interop"}))
 
 
 # --- when ------------------------------------------------------------------------------------------------------

@@ -23,7 +23,15 @@ STARTUP_SECONDS = 120.0
 LAST_LINES = 12_000
 """Characters of a log's end in which a process says why it died."""
 
-PICTURE = ".png"
+PICTURE, ARRAYS = ".png", ".npz"
+"""Endings of the files of a run that are not text: they are read on demand."""
+
+MAKE_BANK, STEP = "behave.bank", "behave.steps"
+"""The checks that make a bank of states, and that step from one."""
+
+GIVEN, OUTPUTS, BANK = "given.npz", "outputs.npz", "bank.npz"
+"""The bank of states that a probe is given, what they led to, and a bank that it made; see `incell/cell_arrays.py`."""
+
 SHORT_NAME = 16
 """Hexadecimal digits of a run's name in the name of its folder."""
 

@@ -25,7 +25,7 @@ from harness.model.hostile_data import Absent, Unreadable, understanding
 from harness.packages.environments import bytecode
 from harness.packages.environments.site_packages import LEADS_ON
 from harness.probes import program, wire
-from harness.probes.evidence import LOG, REPLY, STACKS, STARTUP_SECONDS
+from harness.probes.evidence import GIVEN, LOG, REPLY, STACKS, STARTUP_SECONDS
 
 INCELL = Path(__file__).parent.parent / "incell"
 
@@ -121,16 +121,23 @@ def shared_memory_here() -> bool:
 
 @contextmanager
 def probe(
-    site: Site, case: Case, limits: Mapping[str, float], followers: Iterable[str] | None = None
+    site: Site,
+    case: Case,
+    limits: Mapping[str, float],
+    followers: Iterable[str] | None = None,
+    bank: bytes | None = None,
 ) -> Iterator[ProbeResult]:
     """Run the checks named in `limits` (in their order, each with its seconds) in one process of the cell.
 
-    `followers` are the checks that are to follow them if they pass; all that can if none are named.
+    `followers` are the checks that are to follow them if they pass; all that can if none are named. `bank` is the bank
+    of states that it is given.
 
     HOME and the reply are in a folder that is removed after the block. Its path is short, as sockets below it need.
     """
     with scratch_folder() as scratch:
         (scratch / "reply").mkdir()
+        if bank is not None:
+            (scratch / "reply" / GIVEN).write_bytes(bank)
         with Folder(scratch) as beside, Folder(scratch / "reply") as left:
             yield _run(site, wire.request(case, limits, scratch / "reply", followers), scratch, beside, left)
 

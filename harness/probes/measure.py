@@ -13,9 +13,9 @@ from harness.machine.store import now
 from harness.model import Outcome
 from harness.model.hostile_data import Unreadable
 from harness.packages.environments import bytecode
-from harness.probes import bare_start, launch, program, thumbnails
-from harness.probes.evidence import PICTURE, REPLY, End, Host, ProbeRun, Request
-from harness.probes.vault import Vault, keep_files
+from harness.probes import array_files, bare_start, launch, program, thumbnails
+from harness.probes.evidence import BANK, GIVEN, OUTPUTS, PICTURE, REPLY, STEP, End, Host, ProbeRun, Request
+from harness.probes.vault import MOST_FILE, Vault, keep_files
 from harness.standalone.failures.lines import normalise
 
 MOST_EVIDENCE, MOST_FRAMES = 64 << 20, 16
@@ -43,10 +43,14 @@ class Laboratory:
         site = self.site()
         if request.recompiled:
             bytecode.forget(site.pycache)
-        with launch.probe(site, request.case, request.limits, request.followers) as ran:
+        bank = self._bank(request)
+        with launch.probe(site, request.case, request.limits, request.followers, bank) as ran:
             clean = _Cleaner({**self.places, **ran.places})
             texts = dict(_texts(ran, clean))
             texts |= {name: content for name, content in _pictures(ran) if name not in texts}
+            texts |= _arrays(ran)
+            if bank is not None:
+                texts[GIVEN] = bank
             end = end_of(ran.completed, clean.line, overran=ran.overran, full=ran.full, lost=ran.lost)
             host = self._host(site, ran, clean)
         run = ProbeRun(
@@ -58,6 +62,11 @@ class Laboratory:
             measured=now(),
         )
         return self.vault.put(run, key)
+
+    def _bank(self, request: Request) -> bytes | None:
+        """Return the bank of states that a request steps from, None if it steps from none."""
+        name = request.case.bank if request.case and STEP in request.limits else None
+        return self.vault.content(name, MOST_FILE) if name else None
 
     def _host(self, site: launch.Site, ran: launch.ProbeResult, clean: _Cleaner) -> Host:
         """Return the facts of the host. If a run was not plainly good, check whether its environment still stands."""
@@ -124,6 +133,16 @@ def _texts(ran: launch.ProbeResult, clean: _Cleaner) -> Iterator[tuple[str, byte
         content = clean.file(name, text[:left]).encode(errors="replace")
         left = max(0, left - len(content))
         yield name, content
+
+
+def _arrays(ran: launch.ProbeResult) -> dict[str, bytes]:
+    """Return the arrays that the probe left, in a form that is equal for equal arrays; none that cannot be read."""
+    arrays = {}
+    for name in (OUTPUTS, BANK):
+        with suppress(Unreadable):
+            content = ran.left.head(name, array_files.MOST_BYTES + 1)
+            arrays[name] = array_files.encode(array_files.decode(content))
+    return arrays
 
 
 def _pictures(ran: launch.ProbeResult) -> Iterator[tuple[str, bytes]]:

@@ -20,7 +20,7 @@ import msgspec
 from harness.machine.files import guarded_files
 from harness.machine.store import write_atomic, write_changed
 from harness.model.hostile_data import Unreadable, understanding
-from harness.probes.evidence import PICTURE, ProbeRun, Reading, folder_of
+from harness.probes.evidence import ARRAYS, PICTURE, ProbeRun, Reading, folder_of
 
 MOST_RUN, MOST_CLAIM, MOST_FILE = 4 << 20, 4 << 20, 64 << 20
 """Bytes that are read of a run, of the names of the runs of a key, and of a file that a run left."""
@@ -80,8 +80,12 @@ class Vault:
     def reading(self, name: str) -> Reading:
         """Return a run with the texts that it left. Raises Unreadable where anything of it is gone or damaged."""
         run = self._run(name)
-        texts = {file: self.content(sha, MOST_FILE) for file, sha in run.files.items() if not file.endswith(PICTURE)}
-        return Reading(name, run, texts)
+        names = [file for file in run.files if not file.endswith((PICTURE, ARRAYS))]
+        return Reading(name, run, {file: self.content(run.files[file], MOST_FILE) for file in names})
+
+    def files(self, name: str) -> Mapping[str, str]:
+        """Return the files of a run: each name with the SHA-256 of its content. Raises Unreadable."""
+        return self._run(name).files
 
     def content(self, name: str, most: int) -> bytes:
         """Return the content kept under a name. Raises Unreadable, also if it was damaged."""
@@ -94,8 +98,12 @@ class Vault:
     def contents(self, name: str) -> dict[str, bytes]:
         """Return a run and the texts that it left, by the hashes of their content. Raises Unreadable."""
         run = self._run(name)
-        texts = [sha for file, sha in run.files.items() if not file.endswith(PICTURE)]
+        texts = [sha for file, sha in run.files.items() if not file.endswith((PICTURE, ARRAYS))]
         return {sha: self.content(sha, MOST_FILE) for sha in (name, *texts)}
+
+    def arrays(self, name: str) -> list[str]:
+        """Return the hashes of the files of arrays of a run. Raises Unreadable."""
+        return [sha for file, sha in sorted(self.files(name).items()) if file.endswith(ARRAYS)]
 
     def show(self, name: str) -> None:
         """Lay the files of a run side by side under their own names, for people. Raises Unreadable."""

@@ -423,6 +423,7 @@ def combined(documents: Sequence[Document]) -> Document:
         matrices={name: matrix for document in documents for name, matrix in document.matrices.items()},
         stale=tuple(dict.fromkeys(sentence for document in documents for sentence in document.stale)),
         probes={name: probe for document in documents for name, probe in document.probes.items()},
+        boundaries=tuple(one for document in documents for one in document.boundaries or ()) or msgspec.UNSET,
     )
 
 

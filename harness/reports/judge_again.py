@@ -9,7 +9,6 @@ import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 from harness.judging.runs import case as judging
@@ -24,7 +23,7 @@ from harness.model.errors import BadInput, CouldNotTell, HarnessError
 from harness.model.hostile_data import Unreadable
 from harness.model.report_types import CellEntry, Document, format_count
 from harness.probes.vault import Vault
-from harness.reports import document, packs, publishing
+from harness.reports import behaviour, document, packs, publishing
 from harness.reports.packs import Index, Packed
 from harness.running import open_matrix
 from harness.running.signatures import shipped_signatures
@@ -86,18 +85,17 @@ def judge(folder: Path, index: Index, opened: Store) -> JudgedReport:
     planned = {cell.id: cell for plan in plans for cell in plan.cells}
     judged_records = [_record(record, vault, folder) for one in packed for record in one.records]
     records = [replace(record, cell=planned.get(record.cell.id, record.cell)) for record in judged_records]
-    build = partial(
-        document.build,
-        records,
-        plans,
-        {name: facts for one in packed for name, facts in one.machines.items()},
-        probes={name: probe for one in packed for name, probe in one.probes.items()},
-        knowledge=shipped_signatures.beside(opened.folder),
-        locate=publishing.place(records, opened, folder),
-    )
+    machines = {name: facts for one in packed for name, facts in one.machines.items()}
+    probes = {name: probe for one in packed for name, probe in one.probes.items()}
+    knowledge, locate = shipped_signatures.beside(opened.folder), publishing.place(records, opened, folder)
+
+    def build(generated: str) -> Document:
+        document_made = document.build(records, plans, machines, generated, locate, probes, knowledge=knowledge)
+        return behaviour.add(document_made, records, plans, vault)
+
     # The first build is as of the last judging: only with that instant can an unchanged report be equal to the byte.
-    again = JudgedReport(folder=folder, index=index, plans=plans, document=build(generated=index.judged))
-    return again if again.unchanged else replace(again, document=build(generated=store.now()))
+    again = JudgedReport(folder=folder, index=index, plans=plans, document=build(index.judged))
+    return again if again.unchanged else replace(again, document=build(store.now()))
 
 
 def _record(record: CellRecord, vault: Vault, folder: Path) -> CellRecord:

@@ -21,11 +21,12 @@ import msgspec
 
 from harness.machine.files import guarded_files
 from harness.machine.store import write_atomic, write_changed
-from harness.model import CellRecord, Outcome, Phase, PhaseRecord, Plan
+from harness.model import CaseRecord, CellRecord, Outcome, Phase, PhaseRecord, Plan
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Absent, Unreadable, understanding
 from harness.probes.evidence import PICTURE
 from harness.probes.vault import MOST_FILE, Vault
+from harness.reports import array_packs
 
 INDEX, PACK = "index.json", "evidence{}.tar.xz"
 CELLS, CONTENTS, LOGS = "cells.json", "cas", "evidence"
@@ -36,7 +37,8 @@ MOST_PACK = 5_000_000
 MOST_INDEX, MOST_UNPACKED, MOST_MEMBERS = 1 << 20, 2 << 30, 200_000
 MOST_FRAME = 4 << 20
 # No part begins with a dot, so no member can be `..` and leave the state folder.
-NAME = re.compile(rf"{CELLS}|{CONTENTS}/[0-9a-f]{{64}}|{LOGS}/\w[\w.+-]{{0,150}}/\w[\w.+-]{{0,150}}")
+HASHED = "|".join((CONTENTS, array_packs.FILES, array_packs.ARRAYS))
+NAME = re.compile(rf"{CELLS}|({HASHED})/[0-9a-f]{{64}}|{LOGS}/\w[\w.+-]{{0,150}}/\w[\w.+-]{{0,150}}")
 FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9, "dict_size": 64 << 20}]
 """Cells of one report said the same in long stretches: the dictionary reaches over all of them."""
 
@@ -95,6 +97,13 @@ def runs(record: CellRecord) -> tuple[str, ...]:
 
 
 def _packs(packed: Packed, state: Path) -> Iterator[bytes]:
+    """Yield the packs: records with their texts first, then the arrays of each task."""
+    yield from _text_packs(packed, state)
+    for arrays in _arrays_by_task(packed, Vault(state)).values():
+        yield from _array_packs(arrays, Vault(state))
+
+
+def _text_packs(packed: Packed, state: Path) -> Iterator[bytes]:
     """Yield the packs of these records; only a pack of a single cell may be larger than `MOST_PACK`."""
     content = _archive(_members(packed, state))
     if len(content) <= MOST_PACK or len(packed.records) == 1:
@@ -102,7 +111,33 @@ def _packs(packed: Packed, state: Path) -> Iterator[bytes]:
         return
     half = len(packed.records) // 2
     for records in (packed.records[:half], packed.records[half:]):
-        yield from _packs(msgspec.structs.replace(packed, records=records), state)
+        yield from _text_packs(msgspec.structs.replace(packed, records=records), state)
+
+
+def _arrays_by_task(packed: Packed, vault: Vault) -> dict[str, list[str]]:
+    """Return the files of arrays of each task, in the order of the cells.
+
+    They are not divided by cells: each pack begins with whole arrays, from which those of the next releases differ.
+    """
+    tasks: dict[str, list[str]] = {}
+    for record in packed.records:
+        for case in record.cases:
+            for name in case.runs:
+                tasks.setdefault(_task(case), []).extend(vault.arrays(name))
+    return {task: list(dict.fromkeys(names)) for task, names in tasks.items() if names}
+
+
+def _array_packs(names: list[str], vault: Vault) -> Iterator[bytes]:
+    contents = {name: vault.content(name, MOST_FILE) for name in names}
+    packable = {name: content for name, content in contents.items() if array_packs.can_pack(content)}
+    members = {f"{CONTENTS}/{name}": content for name, content in contents.items() if name not in packable}
+    archive = _archive(members | array_packs.pack(packable))
+    if len(archive) <= MOST_PACK or len(names) == 1:
+        yield archive
+        return
+    half = len(names) // 2
+    for some in (names[:half], names[half:]):
+        yield from _array_packs(some, vault)
 
 
 def _bare(record: CellRecord) -> CellRecord:
@@ -123,6 +158,12 @@ def _members(packed: Packed, state: Path) -> dict[str, bytes]:
         for name in runs(record):
             files |= {f"{CONTENTS}/{sha}": content for sha, content in vault.contents(name).items()}
     return files
+
+
+def _task(case: CaseRecord) -> str:
+    """Return the environment of a case without its version: versions of a task share most of their arrays."""
+    env = case.env or case.case
+    return env.rpartition("-v")[0] or env
 
 
 def _logs(record: CellRecord, state: Path) -> dict[str, bytes]:
@@ -177,7 +218,8 @@ def unpack(folder: Path, report_index: Index, state: Path) -> tuple[Packed, ...]
 
     Raises BadInput for a pack that is damaged, or gone.
     """
-    packs = tuple(_unpacked(folder / name, sha, state) for name, sha in report_index.packs.items())
+    unpacked = [_unpacked(folder / name, sha, state) for name, sha in report_index.packs.items()]
+    packs = tuple(one for one in unpacked if one)
     vault = Vault(state)
     for path in sorted((folder / "frames").glob(f"*{PICTURE}")):
         vault.keep(guarded_files.read(path, MOST_FRAME))
@@ -191,7 +233,7 @@ def unpack(folder: Path, report_index: Index, state: Path) -> tuple[Packed, ...]
     return packs
 
 
-def _unpacked(path: Path, sha: str, state: Path) -> Packed:
+def _unpacked(path: Path, sha: str, state: Path) -> Packed | None:
     if "/" in path.name or not re.fullmatch(PACK.format(r"(-\d+)?"), path.name):
         message = f"{path}: is not the name of a pack"
         raise BadInput(message)
@@ -207,8 +249,9 @@ def _unpacked(path: Path, sha: str, state: Path) -> Packed:
         raise BadInput(message) from None
 
 
-def _extract(content: bytes, state: Path) -> Packed:
-    vault, packed = Vault(state), None
+def _extract(content: bytes, state: Path) -> Packed | None:
+    """Unpack one pack and return its records; a pack of arrays alone has none."""
+    vault, packed, arrays = Vault(state), None, dict[str, bytes]()
     for name, member in members(content):
         if name == CELLS:
             packed = guarded_files.decoder(Packed).decode(member)
@@ -216,9 +259,13 @@ def _extract(content: bytes, state: Path) -> Packed:
             if vault.keep(member) != name.rpartition("/")[2]:
                 message = f"{name} is not the content of that name"
                 raise Unreadable(message)
+        elif name.startswith((f"{array_packs.FILES}/", f"{array_packs.ARRAYS}/")):
+            arrays[name] = member
         else:
             write_atomic(state / name, member)
-    if packed is None:
+    for file in array_packs.unpack(arrays).values():
+        vault.keep(file)
+    if packed is None and not arrays:
         message = f"there is no {CELLS} in it"
         raise Unreadable(message)
     return packed

@@ -27,7 +27,8 @@ from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.model.report_types import Document, format_count
 from harness.probes import launch
-from harness.reports import document, freshness, packs
+from harness.probes.vault import Vault
+from harness.reports import behaviour, document, freshness, packs
 from harness.reports.tables import tables
 from harness.reports.tables.table_types import Report
 from harness.reports.template_files import read_template
@@ -107,6 +108,7 @@ def publish(
                 making = partial(document.build, records, [plan], facts, store.now(), probes=used, knowledge=causes)
                 try:
                     report = making(locate=place(records, opened, folder))
+                    report = behaviour.add(report, records, [plan], Vault(opened.folder))
                     shown = write(report, folder, wanted.pivot, plan.page)
                     # A report in the state folder needs no pack, because its evidence lies in the same folder.
                     if wanted.out:

@@ -145,4 +145,5 @@ def _limits(case: Case) -> tuple[object, ...]:
 def _case_inputs(case: Case) -> tuple[object, ...]:
     drawn = sorted((case.picture or {}).items())
     modules = (case.imports, case.providers, case.beside)
-    return case.env, case.api, case.kwargs, modules, drawn, case.steps, case.seed
+    bank = (case.bank,) if case.bank else ()  # the keys of cases without a bank stay what they were
+    return case.env, case.api, case.kwargs, modules, drawn, case.steps, case.seed, *bank

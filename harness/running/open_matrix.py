@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import platform
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -11,12 +12,14 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from harness.machine.files import given_files
+from harness.machine.files import given_files, guarded_files
 from harness.machine.store import Store, now, write_atomic
 from harness.matrix import matrix_file, matrix_remedies, overlay_recipes, plan, version_ranges
 from harness.matrix.matrix_types import Expansion, Matrix
 from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject
 from harness.model.errors import BadInput, CouldNotTell
+from harness.model.hostile_data import Unreadable
+from harness.probes.vault import MOST_FILE, Vault
 from harness.running.signatures import shipped_signatures
 
 if TYPE_CHECKING:
@@ -90,6 +93,7 @@ def gather(
         recipes=recipes(path.parent) if matrix_file.repairing(matrix) else {},
         index=_located(plan.index_settings(matrix), path.parent),
         project=_project(matrix.subject, path.parent) if matrix.subject else None,
+        banks={bank: _bank(path.parent / bank, place) for bank, place in matrix_file.banks(matrix).items()},
     )
     if ask and expansion and matrix.strategy.covering and (renew or not expansion.chosen):
         return replace(sources, expansion=_chosen(sources, expansion, ask, say))
@@ -101,8 +105,10 @@ def set_instant(
 ) -> Plan:
     """Return the plan with an instant in every question: the matrix's own, else that of its first lock, which is kept.
 
-    Subjects are looked at: a cell tests the package as it stands now.
+    Subjects are looked at: a cell tests the package as it stands now. Banks of states are kept in the store.
     """
+    for name, path in planned.banks.items():
+        keep_bank(store, Path(path), name)
     planned = _with_subjects(planned, partial(_settled, offline=offline))
     if all(cell.question.snapshot for cell in planned.cells):
         return planned
@@ -110,6 +116,15 @@ def set_instant(
     # A fetched folder answers only questions as of its own instant (`offline_bundle.question_mark`).
     instant = fetched_instant or store.instant(planned.matrix, renew=renew)
     return as_of(planned, instant)
+
+
+def keep_bank(store: Store, path: Path, name: str | None = None) -> str:
+    """Keep a bank of states where probes find it, and return its SHA-256. Raises BadInput if it is not `name`."""
+    content_name = Vault(store.folder).keep(guarded_files.read(path, MOST_FILE, follow=True))
+    if name not in {None, content_name}:
+        message = f"{path}: it was changed while the matrix was read"
+        raise BadInput(message)
+    return content_name
 
 
 def as_of(planned: Plan, instant: str) -> Plan:
@@ -125,8 +140,18 @@ def files(name: str) -> dict[str, Path]:
     beside = [Path(expanded.name)] if matrix.expands and expanded.exists() else []
     beside += [file.relative_to(path.parent) for file in sorted((path.parent / OVERLAYS).glob("*.toml"))
                if matrix_file.repairing(matrix)]  # fmt: skip
-    names = [Path(path.name), *beside, *map(Path, matrix_file.sources(matrix))]
+    names = [Path(path.name), *beside, *map(Path, matrix_file.sources(matrix)), *map(Path, matrix_file.banks(matrix))]
     return {one.as_posix(): path.parent / one for one in names}
+
+
+def _bank(path: Path, place: str) -> tuple[str, str]:
+    """Return the SHA-256 and the file of a bank of states. Raises BadInput."""
+    try:
+        content = guarded_files.read(path, MOST_FILE, follow=True)
+    except Unreadable as error:
+        message = f"{place}: {path}: {error}"
+        raise BadInput(message) from None
+    return hashlib.sha256(content).hexdigest(), str(path.resolve())
 
 
 def locate(name: str) -> Path:

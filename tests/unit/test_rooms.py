@@ -14,13 +14,13 @@ import harness
 PACKAGE = Path(harness.__file__).parent
 DOORS = {"__init__", "__main__", "noxface"}
 ROOMS = (
-    ("commands", "smoke"), ("ci",), ("rootcause",), ("reports",), ("running",), ("judging",), ("probes",),
+    ("commands", "smoke"), ("ci",), ("rootcause",), ("reports",), ("running",), ("physics",), ("judging",), ("probes",),
     ("packages",), ("matrix",), ("devices",), ("machine",), ("model",), ("standalone",),
 )  # fmt: skip
 """From top to bottom: a room imports itself and what stands below it."""
 LEVEL = {room: level for level, rooms in enumerate(ROOMS) for room in rooms} | dict.fromkeys(DOORS, -1)
 APART = {"incell", "matrices"}
-PURE = ("judging", "matrix", "devices", "model")
+PURE = ("physics", "judging", "matrix", "devices", "model")
 """Rooms that start nothing, connect to nothing, ask no clock and open no file."""
 IMPURE = {"subprocess", "socket", "time", "multiprocessing", "threading", "tempfile", "shutil", "requests"}
 MOST = 14

@@ -41,14 +41,19 @@ def read_content(path: Path, where: str = "", largest: int = LARGEST_DOCUMENT) -
 
 
 def write_text(path: Path, text: str) -> None:
+    """Write a text that the user names, as `write_content` does. Raises BadInput."""
+    write_content(path, text.encode())
+
+
+def write_content(path: Path, content: bytes) -> None:
     """Write a file that the user names, whole or not at all; into a pipe or a device as it is. Raises BadInput."""
     try:
         # A rename would put a plain file in the place of a device, even of /dev/null where root writes.
         if path.exists() and not path.is_file():
-            with path.open("w", encoding="utf-8") as file:  # a folder raises here
-                file.write(text)
+            with path.open("wb") as file:  # a folder raises here
+                file.write(content)
         else:
-            write_atomic(path, text.encode())
+            write_atomic(path, content)
     except (OSError, ValueError) as error:
         # A full disk is no mistake of the user's: the command line gives it an exit code of its own.
         if isinstance(error, OSError) and error.errno in SHORTAGES:

@@ -95,6 +95,7 @@ class Contents:
         self.recipes = sources.recipes
         self.baseline = baseline
         self.texts = sources.texts
+        self.banks = sources.banks
         self.snapshot = str(snapshot) if snapshot else None
         self.index = sources.index or index_settings(matrix)
         self.source = sources.project.source if sources.project else matrix.subject
@@ -294,7 +295,8 @@ class Contents:
 
     def _case(self, table: CaseTable) -> Case:
         """Return a case; the modules of the subject may register its environment."""
-        return replace(_case(table), packages=(SELF,) if self.matrix.subject and table.env else ())
+        bank = self.banks[str(table.bank)][0] if table.bank else None
+        return replace(_case(table), packages=(SELF,) if self.matrix.subject and table.env else (), bank=bank)
 
     def _when(self, table: CaseTable) -> Condition | _InBaseline:
         when = condition(self.matrix, table.when)

@@ -66,6 +66,7 @@ def make_plan(sources: Sources) -> Plan:
         title=matrix.title,
         variants=variants,
         page=sources.texts[str(matrix.page)] if matrix.page else None,
+        banks=dict(sources.banks.values()),
     )
 
 

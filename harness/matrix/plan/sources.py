@@ -36,6 +36,7 @@ class Sources:
         recipes: How the packages that `overlay` names are patched.
         index: Where packages come from, found from anywhere; None: as the matrix says.
         project: The package under test; None: the source that the matrix names.
+        banks: The SHA-256 and the file of each bank of states, by its path as the matrix names it.
     """
 
     matrix: Matrix
@@ -46,6 +47,7 @@ class Sources:
     recipes: Recipes = field(default_factory=dict)
     index: IndexSettings | None = None
     project: Project | None = None
+    banks: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
 
 def index_settings(matrix: Matrix) -> IndexSettings:

@@ -7,6 +7,7 @@ from enum import StrEnum
 from functools import cached_property
 
 from harness.model import Role, Verdict
+from harness.reports.tables.family_tables import Change, FamilyTable
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -260,6 +261,8 @@ class Sheet:
     repairs: tuple[Remark, ...] = ()
     drawing: tuple[Remark, ...] = ()
     attempts: tuple[Attempt, ...] = ()
+    families: tuple[FamilyTable, ...] = ()
+    behaviour: tuple[Change, ...] = ()
     left_out: int = 0
 
 

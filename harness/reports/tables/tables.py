@@ -11,7 +11,7 @@ from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.model.report_types import SEVERITY, UNTOLD, CaseEntry, CellEntry, Document, MatrixEntry, RepairEntry
 from harness.model.vocabulary import settings as settings  # noqa: PLC0414 - others take it from here
-from harness.reports.tables import cause_groups, squares, suite_tables, verdict_reasons
+from harness.reports.tables import cause_groups, family_tables, squares, suite_tables, verdict_reasons
 from harness.reports.tables.squares import NOTHING
 from harness.reports.tables.table_types import Remark, Report, Row, Sheet, Task
 from harness.reports.text import platforms
@@ -98,6 +98,8 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
         tasks=_tasks(main),
         suites=tuple(suite_tables.changes(main, matrix.axes)),
         attempts=tuple(verdict_reasons.attempts(cells)),
+        families=family_tables.tables(main, matrix.axes),
+        behaviour=family_tables.changes(one for one in document.boundaries or () if one.matrix == name),
         drawing=_grouped((text, about, cell.id) for cell in cells for about, text in _drawing(cell)),
         repairs=_grouped((_repaired(one), str(one.link), cell.id) for cell in cells for one in cell.repairs),
     )

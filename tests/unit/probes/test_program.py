@@ -10,9 +10,10 @@ import pytest
 from harness.ci import first_cases
 from harness.model.vocabulary import APIS, CHECKS, INCELL
 from harness.probes import program, wire
+from harness.probes.evidence import MAKE_BANK
 
 FOLLOWERS = tuple(name for names in wire.FOLLOWERS.values() for name in names)
-ALL = (*CHECKS, *FOLLOWERS, "single.repeat", first_cases.LISTING)
+ALL = (*CHECKS, *FOLLOWERS, "single.repeat", first_cases.LISTING, MAKE_BANK)
 DIGESTS = {(api, check): program.digest(api, check) for api in ("", *APIS) for check in ALL}
 
 

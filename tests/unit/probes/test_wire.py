@@ -262,6 +262,7 @@ def test_request() -> None:
             "beside": [],
             "timeouts": {"single": 3.0},
             "picture": None,
+            "bank": None,
             "steps": 100,
             "seed": 7,
             "memory_mb": 6000,

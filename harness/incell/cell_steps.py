@@ -1,0 +1,242 @@
+"""Step an environment from each state of a bank, and from twins of it, and keep all that comes of it as arrays."""
+
+import random
+
+import numpy as np
+
+from .cell_bank import as_action, draw_action
+from .cell_errors import library
+
+TWINS, EXACT_TWINS = 16, 4
+CONTACT_TWINS, LARGE_NOISE = 199, 1e-9
+"""Twins of a state near the making or breaking of a contact: twins end in other contacts, or far from each other."""
+
+RESET_SEEDS = 50
+EPISODES, LONGEST_EPISODE = 5, 200
+REPEATED = 30
+"""States that are stepped from once more at the end, in the other order."""
+
+
+def flat(observation):
+    """Return an observation as one array of numbers; parts of a dict in the order of their names."""
+    if hasattr(observation, "items"):
+        parts = [flat(observation[name]) for name in sorted(observation, key=str)]
+        return np.concatenate(parts) if parts else np.zeros(0)
+    if isinstance(observation, (tuple, list)):
+        return np.concatenate([flat(part) for part in observation]) if observation else np.zeros(0)
+    return np.asarray(observation, dtype=float).ravel()
+
+
+def precision_of(observation):
+    """Return the coarsest float type of an observation's parts, as its name."""
+    if hasattr(observation, "items"):
+        observation = list(observation.values())
+    if isinstance(observation, (tuple, list)) and observation:
+        return min((precision_of(part) for part in observation), key=lambda name: np.dtype(name).itemsize)
+    kind = np.asarray(observation).dtype
+    return kind.name if kind.kind == "f" else "float64"
+
+
+class Stepper:
+    """Steps one environment from given states."""
+
+    def __init__(self, env, physics):
+        self.env = env
+        self.physics = physics
+        self.space = env.raw.action_space
+
+    def outputs(self, bank):
+        """Return what every state leads to: arrays by name with one row a state, and facts."""
+        rows, keys = [], {}
+        pairs = {}
+        for number in range(len(bank["action"])):
+            rows.append(self._row(bank, number, keys, pairs))
+        outputs = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        repeated = [self._row(bank, number, keys, pairs) for number in reversed(range(min(REPEATED, len(rows))))]
+        same = all(
+            np.asarray(again[name]).tobytes() == outputs[name][number].tobytes()
+            for number, again in zip(reversed(range(len(repeated))), repeated)
+            for name in again
+        )
+        return outputs, {
+            "info": [list(names) for names in keys],
+            "contacts": [["-".join(map(str, pair)) for pair in met] for met in pairs],
+            "repeats": bool(same),
+        }
+
+    def fits(self, bank):
+        """Return whether the states of a bank are states of this environment, and its actions valid."""
+        sizes = {name: values.size for name, values in self.physics.read().items()}
+        given = {name[6:]: values.shape[1] for name, values in bank.items() if name.startswith("state.")}
+        return given == sizes and bank["action"].shape[1] == draw_action(self.space, random.Random(0)).size
+
+    def describe(self, env):
+        """Return the facts of the environment that are no arrays."""
+        physics, observation = self.physics, env.reset(0)
+        facts = {
+            "spaces": env.describe(),
+            "sizes": {name: int(values.size) for name, values in physics.read().items()},
+            "parts": list(physics.parts),
+            "unset": list(physics.unset),
+            "precision": physics.precision.name,
+            "observation_precision": precision_of(observation),
+        }
+        if physics.stages:
+            facts["model"] = physics.stages.model_sums()
+            facts["starts"] = physics.stages.names_of_starts(getattr(env.raw.unwrapped, "frame_skip", 1))
+            facts["geometries"] = physics.stages.geometries()
+        return facts
+
+    def _row(self, bank, number, keys, pairs):
+        physics = self.physics
+        state = state_of(bank, number)
+        action = as_action(self.space, bank["action"][number])
+        row = {}
+        if physics.warm_starts:
+            warm = bank["warm"][number]
+            row["step"] = self.simulated(state)
+            row["warm_step"] = self.simulated(state, warm)
+            with physics.exactly():
+                row["exact_step"] = self.simulated(state)
+            row["stages"] = self.stages(state, action)
+        physics.write(state)
+        if physics.stages:
+            row["rows"] = physics.stages.rows()
+        row["contacts"] = np.array(pairs.setdefault(physics.contacts(), len(pairs)))
+        after, info = self.advance(state, action)
+        row["info"] = np.array(keys.setdefault(tuple(sorted(map(str, info))), len(keys)))
+        row.update(after)
+        return row
+
+    def advance(self, state, action):
+        """Make one step of the environment from a state: its outputs by name, and the info."""
+        self.physics.write(state)
+        with library:
+            result = self.physics.step(action)
+        observation, reward, info = result[0], result[1], result[-1]
+        ended = (result[2], result[3] if len(result) > 4 else False)  # before gym 0.26 there is one flag
+        return {
+            "state": np.concatenate([self.physics.read()[name] for name in self.physics.parts if name != "ctrl"]),
+            "observation": flat(observation),
+            "reward": np.array(float(reward)),
+            "ended": np.array([float(bool(value)) for value in ended]),
+        }, info
+
+    def simulated(self, state, warm=None):
+        """Make one step of the simulator from a state and return the next one: positions, velocities, activations."""
+        self.physics.write(state, warm)
+        self.physics.simulate()
+        now = self.physics.read()
+        return np.concatenate([now[name] for name in ("qpos", "qvel", "act") if name in now])
+
+    def stages(self, state, action, further=True):
+        """Return the sums of the stages at the start of each step of the simulator: (starts, stages).
+
+        First come the state itself and the inner stages from it, then the further steps of one environment step.
+        """
+        physics, stages = self.physics, self.physics.stages
+        physics.write(state)
+        physics.data.ctrl[:] = self._control(state, action)
+        outputs = [stages.forward()]
+        if not further:
+            return np.array(outputs)
+        outputs.extend(stages.inner())
+        physics.write(state)
+        physics.data.ctrl[:] = self._control(state, action)
+        for _ in range(getattr(self.env.raw.unwrapped, "frame_skip", 1) - 1):
+            physics.simulate()
+            outputs.append(stages.forward())
+        return np.array(outputs)
+
+    def _control(self, state, action):
+        """Return the controls that an environment makes of an action, as seen after a step with it."""
+        return action if np.shape(action) == self.physics.data.ctrl.shape else state["ctrl"]
+
+
+def state_of(bank, number):
+    """Return one state of a bank."""
+    return {name[6:]: values[number] for name, values in bank.items() if name.startswith("state.")}
+
+
+def scales(outputs):
+    """Return the typical size of each number of each output: the median, a millionth of the largest at least."""
+    sizes = {}
+    for name, values in outputs.items():
+        size = np.median(np.abs(values), axis=0)
+        sizes[name] = np.maximum(size, 1e-6 * max(1e-300, float(np.max(np.abs(values))) if values.size else 1.0))
+    return sizes
+
+
+def gap(first, second, scale):
+    """Return the largest difference of two outputs, in the typical size of each number, or its own if larger."""
+    size = np.maximum(scale, np.maximum(np.abs(first), np.abs(second)))
+    difference = np.abs(np.asarray(first) - np.asarray(second)) / size
+    return float(np.max(np.where(np.isnan(difference), np.inf, difference))) if difference.size else 0.0
+
+
+def noise(stepper, bank, outputs, seed):
+    """Return the largest difference that twins of each state make, by output: a twin has each number moved by one ulp.
+
+    An ulp is that of the number's typical size in the bank, in the precision that is computed in. The sums of stages
+    have a row each, (states, stages), all others are (states,).
+    """
+    dice, physics, size = random.Random(seed), stepper.physics, scales(outputs)
+    count = len(bank["action"])
+    worst = {
+        name: np.zeros(count) for name in ("step", "exact_step", "state", "observation", "reward") if name in outputs
+    }
+    if "stages" in outputs:
+        worst["stages"] = np.zeros((count, outputs["stages"].shape[2]))
+    for number in range(count):
+        turn, near_contact, met = 0, False, None
+        while turn < (CONTACT_TWINS if near_contact else TWINS):
+            twin = _twin(stepper, bank, number, dice)
+            state, action = state_of(twin, 0), as_action(stepper.space, twin["action"][0])
+            row = stepper.advance(state, action)[0]
+            contacts = physics.contacts()
+            near_contact, met = near_contact or met not in (None, contacts), contacts
+            if physics.warm_starts:
+                row["step"] = stepper.simulated(state)
+                sums = stepper.stages(state, action, further=False)
+                for stage in range(sums.shape[1]):
+                    error = gap(sums[0, stage], outputs["stages"][number, 0, stage], size["stages"][0, stage])
+                    worst["stages"][number, stage] = max(worst["stages"][number, stage], error)
+                if turn < EXACT_TWINS:
+                    with physics.exactly():
+                        row["exact_step"] = stepper.simulated(state)
+            for name, errors in worst.items():
+                if name in row:
+                    errors[number] = max(errors[number], gap(row[name], outputs[name][number], size[name]))
+            near_contact = near_contact or worst["state"][number] > LARGE_NOISE
+            turn += 1
+    return worst
+
+
+def _twin(stepper, bank, number, dice):
+    """Return one state of the bank, as a bank of one, with every number moved by one ulp up or down."""
+    eps = float(np.finfo(stepper.physics.precision).eps)
+    twin = {}
+    for name, values in bank.items():
+        row = values[number : number + 1]
+        moved = name.startswith("state.") and name != "state.time"
+        if moved or (name == "action" and not hasattr(stepper.space, "n")):
+            signs = np.array([1.0 if dice.random() < 0.5 else -1.0 for _ in range(row.size)]).reshape(row.shape)
+            row = row + eps * np.maximum(np.median(np.abs(values), axis=0), np.abs(row)) * signs
+        twin[name] = row
+    return twin
+
+
+def starts(env, space):
+    """Return the observations of seeded resets, one row a seed, and the lengths of some episodes."""
+    observations = np.array([flat(env.reset(seed)) for seed in range(RESET_SEEDS)])
+    lengths = []
+    for seed in range(EPISODES):
+        dice = random.Random(seed)
+        env.reset(seed)
+        length = 0
+        while length < LONGEST_EPISODE:
+            length += 1
+            if any(env.step(as_action(space, draw_action(space, dice)))[2:4]):
+                break
+        lengths.append(length)
+    return observations, lengths

@@ -1,0 +1,105 @@
+"""Group cells into behaviour families for one case, and find the boundaries between neighbouring releases."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from string import ascii_uppercase
+
+from harness.physics.comparison import Class, Comparison
+
+Compare = Callable[[str, str], Comparison]
+"""Compares two cells, named by their ids."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Boundary:
+    """Two neighbouring cells along an axis that do not behave alike.
+
+    `moved` maps each package whose version differs in their locks to both versions: if it is the axis alone, the
+    boundary is that package's. `between` are values of the axis between the two that were not measured.
+    """
+
+    axis: str
+    before: str
+    after: str
+    cells: tuple[str, str]
+    comparison: Comparison
+    moved: Mapping[str, tuple[str | None, str | None]]
+    between: tuple[str, ...] = ()
+
+    @property
+    def separated(self) -> bool:
+        """Return whether nothing but the axis moved."""
+        return self.moved.keys() <= {self.axis}
+
+
+def families(cells: Sequence[str], compare: Compare) -> dict[str, str]:
+    """Return the letters of each cell's families, in the order of the cells.
+
+    A cell joins a family if it agrees with all its members; one that agrees with several has several letters. A prime
+    marks a cell that agrees with some member only to the precision of the solver.
+    """
+    members: list[list[str]] = []
+    letters: dict[str, str] = {}
+    for cell in cells:
+        fitting = [number for number, family in enumerate(members) if all(compare(cell, one).agrees for one in family)]
+        if not fitting:
+            members.append([])
+            fitting = [len(members) - 1]
+        primed = any(compare(cell, one).kind is Class.SOLVER_PRECISION for number in fitting for one in members[number])
+        letters[cell] = "".join(map(letter, fitting)) + "'" * primed
+        if not primed:
+            for number in fitting:
+                members[number].append(cell)
+    return letters
+
+
+def letter(number: int) -> str:
+    """Return the name of a family: A to Z, then A1 and so on."""
+    round_, place = divmod(number, len(ascii_uppercase))
+    return ascii_uppercase[place] + (str(round_) if round_ else "")
+
+
+def boundaries(
+    axis: str,
+    values: Sequence[str],
+    cells: Mapping[str, str],
+    installed: Mapping[str, Mapping[str, str]],
+    compare: Compare,
+) -> list[Boundary]:
+    """Return the boundaries along an axis.
+
+    Args:
+        axis: The package whose releases are the values.
+        values: All values of the axis, in their order.
+        cells: The measured cell of each value.
+        installed: Versions by package, for each cell.
+        compare: Compares two cells.
+    """
+    measured = [value for value in values if value in cells]
+    result = []
+    for before, after in pairwise(measured):
+        pair = cells[before], cells[after]
+        comparison = compare(*pair)
+        if not comparison.agrees:
+            places = values.index(before), values.index(after)
+            result.append(
+                Boundary(
+                    axis=axis,
+                    before=before,
+                    after=after,
+                    cells=pair,
+                    comparison=comparison,
+                    moved=moved(installed[pair[0]], installed[pair[1]]),
+                    between=tuple(values[places[0] + 1 : places[1]]),
+                )
+            )
+    return result
+
+
+def moved(first: Mapping[str, str], second: Mapping[str, str]) -> dict[str, tuple[str | None, str | None]]:
+    """Return the packages whose versions differ between two locks, with both versions."""
+    names = sorted(first.keys() | second.keys())
+    return {name: (first.get(name), second.get(name)) for name in names if first.get(name) != second.get(name)}

@@ -1,0 +1,205 @@
+"""Add behaviour to a document: the family of each case in each cell, and the boundaries between releases.
+
+Cells are compared case by case, from the outputs that their probe runs left. Nothing is measured.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import msgspec
+from packaging.version import InvalidVersion, Version
+
+from harness.model import CaseRecord, CellRecord, Plan
+from harness.model.hostile_data import Unreadable
+from harness.model.report_types import BehaviourEntry, BoundaryEntry, CaseEntry, CellEntry, Document
+from harness.physics import families, sentences
+from harness.physics.comparison import Class, Comparison, compare
+from harness.physics.outputs import Bank, Outputs
+from harness.probes import array_files
+from harness.probes.evidence import GIVEN, OUTPUTS
+from harness.probes.vault import MOST_FILE, Vault
+
+OUTPUT_OF = {"observation": "observation", "reward": "reward", "ended": "termination"}
+"""Outputs whose class a case entry names, by the name of it there; the dynamics and the start come with them."""
+
+
+def add(document: Document, records: Iterable[CellRecord], plans: Sequence[Plan], vault: Vault) -> Document:
+    """Return the document with the behaviour of its cases; the same one where no case was stepped from a bank."""
+    measured = _measured(records, vault)
+    if not measured:
+        return document
+    entries: dict[tuple[str, str, str], BehaviourEntry] = {}
+    comparison: list[BoundaryEntry] = []
+    orders = {plan.matrix: _order(plan) for plan in plans}
+    for key, cases in measured.items():
+        task = _Task(cases, vault)
+        for cell, entry in task.entries(orders.get(key[0], {})):
+            entries[cell, key[1], key[2]] = entry
+        comparison += task.boundaries
+    replace = msgspec.structs.replace
+
+    def case(cell: CellEntry, case_run: CaseEntry) -> CaseEntry:
+        entry = entries.get((cell.id, cell.machine or "", case_run.case))
+        return replace(case_run, behaviour=entry) if entry else case_run
+
+    cells = tuple(replace(cell, cases=tuple(case(cell, one) for one in cell.cases)) for cell in document.cells)
+    return replace(document, cells=cells, boundaries=tuple(comparison) or msgspec.UNSET)
+
+
+@dataclass(frozen=True, slots=True)
+class _Measured:
+    """A case of a cell: the names of its outputs and of its bank in the vault."""
+
+    record: CellRecord
+    case: CaseRecord
+    outputs: str
+    bank: str
+
+
+def _measured(records: Iterable[CellRecord], vault: Vault) -> dict[tuple[str, str, str], list[_Measured]]:
+    """Return what was stepped from a bank, by matrix, machine and case."""
+    comparison: dict[tuple[str, str, str], list[_Measured]] = {}
+    for record in records:
+        for case in record.cases:
+            names = _files(case, vault)
+            if names:
+                key = record.cell.matrix, record.machine, case.case
+                comparison.setdefault(key, []).append(_Measured(record, case, *names))
+    return comparison
+
+
+def _files(case: CaseRecord, vault: Vault) -> tuple[str, str] | None:
+    for run in reversed(case.runs):
+        try:
+            files = vault.files(run)
+        except Unreadable:
+            continue
+        if OUTPUTS in files and GIVEN in files:
+            return files[OUTPUTS], files[GIVEN]
+    return None
+
+
+def _order(plan: Plan) -> dict[str, tuple[object, ...]]:
+    """Return the place of each cell: axis by axis, releases in their order."""
+    return {cell.id: tuple(_place(cell.axes.get(axis, "")) for axis in plan.axes) for cell in plan.cells}
+
+
+def _place(value: str) -> tuple[int, object]:
+    try:
+        return 1, Version(value)
+    except InvalidVersion:
+        return 0, value
+
+
+@dataclass
+class _Task:
+    """One case in all cells of a matrix on one machine."""
+
+    measured: list[_Measured]
+    vault: Vault
+    boundaries: list[BoundaryEntry] = field(default_factory=list)
+    _outputs: dict[str, Outputs] = field(default_factory=dict)
+    _banks: dict[str, Bank] = field(default_factory=dict)
+    _comparisons: dict[tuple[str, str], Comparison] = field(default_factory=dict)
+
+    def entries(self, order: Mapping[str, tuple[object, ...]]) -> Iterator[tuple[str, BehaviourEntry]]:
+        """Yield the behaviour of each cell, in the order of the plan; fill `boundaries`."""
+        by_cell = {one.record.cell.id: one for one in self.measured}
+        cells = sorted(by_cell, key=lambda cell: (order.get(cell, ()), cell))
+
+        def between(case_run: str, neighbour: str) -> Comparison:
+            return self._compare(by_cell[case_run], by_cell[neighbour])
+
+        letters = families.families(cells, between)
+        neighbours = self._along_axes(by_cell, cells, between)
+        for cell in cells:
+            reference, sentence = neighbours.get(cell, (None, None))
+            comparison = between(cell, reference) if reference else None
+            yield (
+                cell,
+                BehaviourEntry(
+                    bank=by_cell[cell].bank,
+                    family=letters[cell],
+                    reference=reference,
+                    classes=_classes(comparison) if comparison else {},
+                    boundary=sentence,
+                ),
+            )
+
+    def _along_axes(
+        self, by_cell: Mapping[str, _Measured], cells: Sequence[str], between: families.Compare
+    ) -> dict[str, tuple[str | None, str | None]]:
+        """Return each cell's neighbour before it on an axis, with a sentence where they differ; keep the boundaries."""
+        axes = {cell: dict(by_cell[cell].record.cell.axes) for cell in cells}
+        packages = [axis for axis in next(iter(axes.values())) if axis != "python"]
+        neighbours: dict[str, tuple[str | None, str | None]] = {}
+        for axis in packages:
+            lines: dict[tuple[tuple[str, str], ...], dict[str, str]] = {}
+            for cell in cells:
+                rest = tuple(sorted((name, value) for name, value in axes[cell].items() if name != axis))
+                lines.setdefault(rest, {})[axes[cell][axis]] = cell
+            for line in lines.values():
+                values = sorted(line, key=_place)
+                for before, after in pairwise(values):
+                    neighbours.setdefault(line[after], (line[before], None))
+                installed = {cell: by_cell[cell].record.installed or {} for cell in line.values()}
+                for boundary in families.boundaries(axis, values, line, installed, between):
+                    entry = self._boundary(boundary, by_cell[boundary.cells[1]])
+                    self.boundaries.append(entry)
+                    neighbours[boundary.cells[1]] = (boundary.cells[0], entry.text)
+        return neighbours
+
+    def _boundary(self, boundary: families.Boundary, case_run: _Measured) -> BoundaryEntry:
+        comparison, leading = boundary.comparison, sentences.leading_difference(boundary.comparison)
+        return BoundaryEntry(
+            matrix=case_run.record.cell.matrix,
+            case=case_run.case.case,
+            env=case_run.case.env,
+            axis=boundary.axis,
+            before=boundary.before,
+            after=boundary.after,
+            cells=boundary.cells,
+            kind=comparison.kind,
+            start=comparison.start,
+            stage=comparison.stage,
+            output=leading.output if leading else None,
+            largest=leading.largest if leading else 0.0,
+            median=leading.median if leading else 0.0,
+            share=leading.share if leading else 0.0,
+            moved={name: pair for name, pair in boundary.moved.items() if name != boundary.axis},
+            between=boundary.between,
+            text=sentences.describe(comparison),
+        )
+
+    def _compare(self, case_run: _Measured, neighbour: _Measured) -> Comparison:
+        """Compare two cells; cells with equal outputs are compared once."""
+        key = case_run.outputs, neighbour.outputs
+        if key not in self._comparisons:
+            if case_run.bank != neighbour.bank:
+                kind = Class.NOT_COMPARABLE
+                self._comparisons[key] = Comparison(kind=kind, dynamics=kind, start=kind)
+            else:
+                outputs = self._load(case_run.outputs), self._load(neighbour.outputs)
+                self._comparisons[key] = compare(*outputs, self._bank(case_run))
+        return self._comparisons[key]
+
+    def _load(self, name: str) -> Outputs:
+        if name not in self._outputs:
+            arrays = array_files.decode(self.vault.content(name, MOST_FILE))
+            self._outputs[name] = Outputs(arrays, array_files.facts(arrays))
+        return self._outputs[name]
+
+    def _bank(self, case_run: _Measured) -> Bank:
+        if case_run.bank not in self._banks:
+            arrays = array_files.decode(self.vault.content(case_run.bank, MOST_FILE))
+            self._banks[case_run.bank] = Bank.of(arrays, array_files.facts(arrays))
+        return self._banks[case_run.bank]
+
+
+def _classes(comparison: Comparison) -> dict[str, str]:
+    classes = {"sum": comparison.kind, "dynamics": comparison.dynamics, "start": comparison.start}
+    classes |= {name: comparison.of(output).kind for output, name in OUTPUT_OF.items()}
+    return {name: str(kind) for name, kind in classes.items()}

@@ -1,0 +1,126 @@
+"""Regroup behaviour into a table: a row for each environment, a column for each range of releases that behave alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from packaging.version import InvalidVersion, Version
+
+from harness.model.report_types import BoundaryEntry, CellEntry
+
+ABSENT = "-"
+"""The mark of an environment that was not measured with a release."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FamilyTable:
+    """The families along one axis, with all other axes as they stand in `where`.
+
+    `columns` are ranges of releases, `rows` are environments with their family in each range: a letter, `-` where it
+    was not measured, several letters where the range has several.
+    """
+
+    axis: str
+    where: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[str, ...]], ...]
+    measured: int
+    changed: int
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Change:
+    """All that changes between two neighbouring releases: each environment with what differs there.
+
+    `moved` says which other packages differ, too; then the change is not separated from them.
+    """
+
+    axis: str
+    before: str
+    after: str
+    between: tuple[str, ...]
+    moved: str
+    lines: tuple[tuple[str, str], ...]
+    cells: tuple[str, str]
+
+
+def tables(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[FamilyTable, ...]:
+    """Return a table for each axis along which releases were compared."""
+    behaving = [cell for cell in cells if any(case.behaviour for case in cell.cases)]
+    result = []
+    for axis in axes:
+        if axis == "python" or len({cell.axes.get(axis) for cell in behaving}) < 2:
+            continue
+        groups: dict[tuple[tuple[str, str], ...], list[CellEntry]] = {}
+        for cell in behaving:
+            rest = tuple(sorted((name, value) for name, value in cell.axes.items() if name != axis))
+            groups.setdefault(rest, []).append(cell)
+        result += [_table(axis, rest, group) for rest, group in groups.items() if len(group) > 1]
+    return tuple(result)
+
+
+def _table(axis: str, rest: tuple[tuple[str, str], ...], cells: list[CellEntry]) -> FamilyTable:
+    by_release = sorted(cells, key=lambda cell: _version(cell.axes[axis]))
+    envs = list(dict.fromkeys(case.env or case.case for cell in by_release for case in cell.cases if case.behaviour))
+    families = {env: [_family(cell, env) for cell in by_release] for env in envs}
+    starts = [0, *(n + 1 for n, pair in enumerate(pairwise(range(len(by_release)))) if _differ(families, *pair))]
+    ranges = list(pairwise([*starts, len(by_release)]))
+    releases = [cell.axes[axis] for cell in by_release]
+    rows = tuple(
+        (env, tuple("".join(dict.fromkeys(families[env][start:end])) for start, end in ranges)) for env in envs
+    )
+    letters = {env: {letter for letter in families[env] if letter != ABSENT} for env in envs}
+    return FamilyTable(
+        axis=axis,
+        where=", ".join(f"{name} {value}" for name, value in rest),
+        columns=tuple(
+            releases[start] if end == start + 1 else f"{releases[start]} to {releases[end - 1]}"
+            for start, end in ranges
+        ),
+        rows=rows,
+        measured=len(by_release),
+        changed=sum(len(one) > 1 for one in letters.values()),
+    )
+
+
+def _family(cell: CellEntry, env: str) -> str:
+    entry = next((case.behaviour for case in cell.cases if (case.env or case.case) == env), None)
+    return entry.family if entry else ABSENT
+
+
+def _differ(families: dict[str, list[str]], first: int, second: int) -> bool:
+    return any(letters[first] != letters[second] for letters in families.values())
+
+
+def changes(boundaries: Iterable[BoundaryEntry]) -> tuple[Change, ...]:
+    """Return the boundaries, those of the same two releases together."""
+    groups: dict[tuple[object, ...], list[BoundaryEntry]] = {}
+    for first in boundaries:
+        key = (first.axis, _version(first.before), first.before, first.after, first.between, str(first.moved))
+        groups.setdefault(key, []).append(first)
+    ordered = sorted(groups.values(), key=lambda group: (group[0].axis, _version(group[0].before), group[0].cells))
+    return tuple(_change(group) for group in ordered)
+
+
+def _change(group: list[BoundaryEntry]) -> Change:
+    first = group[0]
+    moved = ", ".join(f"{name} {one or 'absent'} to {other or 'absent'}" for name, (one, other) in first.moved.items())
+    lines = dict.fromkeys((one.env or one.case, one.text) for one in group)
+    return Change(
+        axis=first.axis,
+        before=first.before,
+        after=first.after,
+        between=first.between,
+        moved=moved,
+        lines=tuple(lines),
+        cells=first.cells,
+    )
+
+
+def _version(text: str) -> tuple[int, object]:
+    try:
+        return 1, Version(text)
+    except InvalidVersion:
+        return 0, text

@@ -1,0 +1,68 @@
+"""Measure how one environment of a cell behaves: make a bank of states in it, or step it from the states of one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from numpy.typing import NDArray
+
+from harness.judging.assess import assess
+from harness.machine.store import Store
+from harness.model import Case, CaseRecord, Cell, Phase
+from harness.model.errors import BadInput, CouldNotTell
+from harness.model.vocabulary import IMPORT_CHECK
+from harness.probes import array_files
+from harness.probes.evidence import BANK, MAKE_BANK, OUTPUTS, STEP
+from harness.probes.vault import MOST_FILE, Vault
+from harness.running.scheduler import Observer, Runner, Settings
+
+SECONDS = {Phase.BEHAVE: 1800.0}
+
+
+def make_bank(cell: Cell, case: Case, opened: Store, settings: Settings, observer: Observer) -> dict[str, NDArray[Any]]:
+    """Return a bank of states of a case, with what each of them leads to in this cell."""
+    return _measure(cell, replace(case, bank=None, checks=(IMPORT_CHECK, MAKE_BANK)), BANK, opened, settings, observer)
+
+
+def step_from(
+    cell: Cell, case: Case, bank: str, opened: Store, settings: Settings, observer: Observer
+) -> dict[str, NDArray[Any]]:
+    """Return what the states of a bank (its SHA-256 in the vault) lead to in a case of a cell."""
+    return _measure(cell, replace(case, bank=bank, checks=(IMPORT_CHECK, STEP)), OUTPUTS, opened, settings, observer)
+
+
+def arrays_of(record: CaseRecord, name: str, vault: Vault) -> dict[str, NDArray[Any]] | None:
+    """Return the arrays that the runs of a case left under a name, of the last run that has them."""
+    for run in reversed(record.runs):
+        content = vault.reading(run).run.files.get(name)
+        if content:
+            return array_files.decode(vault.content(content, MOST_FILE))
+    return None
+
+
+def case_of(cell: Cell, env: str | None) -> Case:
+    """Return the case of a cell that an environment id or a case id names; the only one for None. Raises BadInput."""
+    cases = [case for case in cell.cases if case.env and env in {None, case.env, case.id}]
+    if len(cases) != 1:
+        names = ", ".join(case.env for case in cell.cases if case.env)
+        message = f"{cell.id}: name one environment with --env: {names}" if names else f"{cell.id}: has no environment"
+        raise BadInput(message)
+    return cases[0]
+
+
+def _measure(
+    cell: Cell, case: Case, name: str, opened: Store, settings: Settings, observer: Observer
+) -> dict[str, NDArray[Any]]:
+    case = replace(case, timeouts={**case.timeouts, **SECONDS})
+    record = Runner(opened, settings, observer).measure(replace(cell, cases=(case,)))
+    arrays = arrays_of(record.cases[0], name, Vault(opened.folder)) if record.cases else None
+    if arrays is None:
+        judged = assess(record)
+        reason = judged.decisive or next(
+            (check.decisive for phase in record.cases[0].phases for check in phase.checks if check.decisive),
+            judged.verdict,
+        )
+        message = f"{cell.id}: {case.env}: its behaviour could not be measured: {reason}"
+        raise CouldNotTell(message)
+    return arrays
