@@ -17,12 +17,11 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from pathlib import Path
 from time import monotonic
-from types import NoneType
-from typing import Any, Self, overload
+from typing import Any, Self, get_type_hints, overload
 
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.supervisor import SIZE, tree
@@ -103,8 +102,8 @@ class Command:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Completed:
-    """The end of a command: `exit_code` or `signal`; both are None if it never ran.
+class Report:
+    """The end of a command as its supervisor tells it: `exit_code` or `signal`; both are None if it never ran.
 
     `killed` is why it was ended, or not run: the reason given to `Running.kill`; `supervisor: ...`; or, with
     `out_of_memory`, that the whole machine had no memory left. None of these says anything about the command.
@@ -115,21 +114,27 @@ class Completed:
     `least_room_mb` is the least room that was seen on the disk of `home`.
     """
 
-    argv: tuple[str, ...]
-    exit_code: int | None
-    signal: int | None
-    timed_out: bool
-    out_of_memory: bool
-    killed: str | None
-    seconds: float
-    log: Path
-    truncated: bool
-    written: tuple[str, ...]
-    sandbox: str
-    stray: int
+    exit_code: int | None = None
+    signal: int | None = None
+    timed_out: bool = False
+    out_of_memory: bool = False
+    killed: str | None = None
+    seconds: float = 0.0
+    truncated: bool = False
+    written: tuple[str, ...] = ()
+    stray: int = 0
     peak_mb: int = 0
     starved: int = 0
     least_room_mb: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Completed(Report):
+    """A command that has ended, or that was never started; `sandbox` is the one that it ran in."""
+
+    argv: tuple[str, ...]
+    log: Path
+    sandbox: str = ""
 
     @property
     def shot(self) -> bool:
@@ -248,8 +253,9 @@ class Running:
         report = _report(self._report) if not code else None
         if report is None:
             _end_orphans(self.command)
-            report = {"killed": f"supervisor: it ended with {code}, without a word"}
-        self._completed = _completed(self, report)
+            report = Report(killed=f"supervisor: it ended with {code}, without a word")
+        end = {field.name: getattr(report, field.name) for field in fields(Report)}
+        self._completed = Completed(argv=self.command.argv, log=self.log, sandbox=self.sandbox, **end)
         _live.discard(self)
 
 
@@ -272,20 +278,7 @@ def run(command: Command) -> Completed:
 
 def unstarted(command: Command, reason: str) -> Completed:
     """Return the result of a command that could not even be started; `killed` is the reason."""
-    return Completed(
-        argv=command.argv,
-        exit_code=None,
-        signal=None,
-        timed_out=False,
-        out_of_memory=False,
-        killed=reason,
-        seconds=0.0,
-        log=command.log,
-        truncated=False,
-        written=(),
-        sandbox="",
-        stray=0,
-    )
+    return Completed(argv=command.argv, log=command.log, killed=reason)
 
 
 def stop() -> None:
@@ -371,7 +364,7 @@ def _order(command: Command, sandbox: str) -> dict[str, Any]:
     }
 
 
-def _report(text: bytes) -> dict[str, Any] | None:
+def _report(text: bytes) -> Report | None:
     """Read the report of a supervisor, if it is one: a command with enough rights may have written into its pipe."""
     stream = io.BytesIO(text)
     try:
@@ -379,33 +372,13 @@ def _report(text: bytes) -> dict[str, Any] | None:
             report = marshal.load(stream)
     except Unreadable:
         return None
-    if stream.read(1):  # it is not the only one
+    # Something behind it means that it is not the only one. Every report of ours has a word on `killed`.
+    if stream.read(1) or not isinstance(report, dict) or "killed" not in report:
         return None
-    fits = isinstance(report, dict) and "killed" in report and all(map(_fits, report.items()))
-    return dict(report) if fits else None
-
-
-REPORTED: Mapping[str, tuple[type, ...]] = {
-    "exit_code": (int, NoneType),
-    "signal": (int, NoneType),
-    "timed_out": (bool,),
-    "out_of_memory": (bool,),
-    "killed": (str, NoneType),
-    "seconds": (float,),
-    "peak_mb": (int,),
-    "starved": (int,),
-    "least_room_mb": (int,),
-    "truncated": (bool,),
-    "stray": (int,),
-    "written": (list,),
-}
-
-
-def _fits(item: tuple[object, object]) -> bool:
-    name, value = item
-    if isinstance(value, list) and not all(isinstance(path, str) for path in value):
-        return False
-    return isinstance(name, str) and isinstance(value, REPORTED.get(name, ()))
+    kinds, written = get_type_hints(Report), report.pop("written", [])
+    fits = isinstance(written, list) and all(isinstance(path, str) for path in written)
+    fits = fits and all(isinstance(value, kinds.get(name, ())) for name, value in report.items())
+    return Report(**report, written=tuple(written[:MOST_WRITTEN])) if fits else None
 
 
 def _end_orphans(command: Command) -> None:
@@ -456,26 +429,6 @@ def temporary(home: Path) -> Path:
 
 def _own(home: Path | None) -> tuple[Path, ...]:
     return () if home is None else (home, temporary(home))
-
-
-def _completed(running: Running, report: Mapping[str, Any]) -> Completed:
-    return Completed(
-        argv=running.command.argv,
-        exit_code=report.get("exit_code"),
-        signal=report.get("signal"),
-        timed_out=report.get("timed_out", False),
-        out_of_memory=report.get("out_of_memory", False),
-        killed=report.get("killed"),
-        seconds=report.get("seconds", 0.0),
-        log=running.log,
-        truncated=report.get("truncated", False),
-        written=tuple(report.get("written", ()))[:MOST_WRITTEN],
-        sandbox=running.sandbox,
-        stray=report.get("stray", 0),
-        peak_mb=report.get("peak_mb", 0),
-        starved=report.get("starved", 0),
-        least_room_mb=report.get("least_room_mb"),
-    )
 
 
 def _read_text(file: Path) -> str:

@@ -356,7 +356,7 @@ class TestKilled:
         for text in (b"", b"garbage", b"\xe9\x01", b"i\x01\0\0\0", b"{0"):
             assert process._report(text) is None
         assert process._report(marshal.dumps({"killed": None, "exit_code": "0"})) is None
-        assert process._report(marshal.dumps({"killed": None, "exit_code": 0})) == {"killed": None, "exit_code": 0}
+        assert process._report(marshal.dumps({"killed": None, "exit_code": 0})) == process.Report(exit_code=0)
 
 
 def test_dev_shm_is_supplied(tmp_path: Path) -> None:
