@@ -9,9 +9,7 @@ from __future__ import annotations
 from harness.machine import process
 from harness.machine.files import guarded_files
 from harness.machine.files.scratch_folders import scratch_folder
-from harness.machine.store import own_folders
 from harness.probes import launch
-from harness.probes.evidence import LOG
 from harness.standalone.failures.lines import decisive_line, describe_death, shorten_line
 
 STARTED = "simmatrix: Python has started"
@@ -40,23 +38,7 @@ def broken_by_packages(site: launch.Site) -> str | None:
 
 def _start(site: launch.Site, options: tuple[str, ...]) -> tuple[process.Completed, bool, str]:
     with scratch_folder() as scratch:
-        home = scratch / "home"
-        launch.furnish(site, home)
-        folder, sealed = launch.prepare_environment(site, scratch)
-        with site.code(folder, "start") as code:
-            done = process.run(
-                process.Command(
-                    argv=(str(folder / site.python.relative_to(site.folder)), *options, "-c", PROGRAM),
-                    cwd=home,
-                    env=site.run_variables(home, code),
-                    limits=LIMITS,
-                    log=scratch / LOG,
-                    profile=process.Profile.CELL,
-                    home=home,
-                    sealed=sealed,
-                    shielded=own_folders(),
-                    writable=(scratch, *code.writable),
-                )
-            )
-        text = guarded_files.log_text(scratch / LOG)
+        with launch.set_up(site, scratch, "start") as place:
+            done = process.run(place.command((*options, "-c", PROGRAM), LIMITS))
+        text = guarded_files.log_text(done.log)
     return done, done.exit_code == 0 and STARTED in text, text

@@ -6,7 +6,7 @@ import hashlib
 import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import islice
@@ -78,10 +78,48 @@ class Site:
             bytecode.PREFIX: cache_variables[bytecode.PREFIX],
         }
 
-    def code(self, shown: Path, *imports: object) -> AbstractContextManager[bytecode.RunFolders]:
-        """Lend a place for compiled code to a run that sees the environment at `shown` and has these imports."""
-        source = bytecode.Source(folders=self.folders, python=self.python, cache=self.pycache)
-        return bytecode.lend_folders(source, shown, digest(*imports))
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Workplace:
+    """The place of one run: its scratch folder with HOME, and the environment as the run sees it.
+
+    `sealed` are the folders that keep none of what is written to them, `code` are those for compiled code.
+    """
+
+    site: Site
+    scratch: Path
+    folder: Path
+    sealed: tuple[Path, ...]
+    code: bytecode.RunFolders
+
+    def command(
+        self, arguments: Iterable[str], limits: process.Limits, cwd: Path | None = None, **variables: str
+    ) -> process.Command:
+        """Return the command that runs the environment's Python with these arguments, in HOME if nowhere else."""
+        home = self.scratch / "home"
+        return process.Command(
+            # Without an overlay `folder` is a copy of the environment, whose own interpreter has to run.
+            argv=(str(self.folder / self.site.python.relative_to(self.site.folder)), *arguments),
+            cwd=cwd or home,
+            env={**self.site.run_variables(home, self.code), **variables},
+            limits=limits,
+            log=self.scratch / LOG,
+            profile=process.Profile.CELL,
+            home=home,
+            sealed=self.sealed,
+            shielded=own_folders(),
+            writable=(self.scratch, *self.code.writable),
+        )
+
+
+@contextmanager
+def set_up(site: Site, scratch: Path, *imports: object) -> Iterator[Workplace]:
+    """Make HOME and the environment ready in a scratch folder, for one run that has these imports."""
+    _furnish(site, scratch / "home")
+    folder, sealed = _prepare_environment(site, scratch)
+    source = bytecode.Source(folders=site.folders, python=site.python, cache=site.pycache)
+    with bytecode.lend_folders(source, folder, digest(*imports)) as code:
+        yield Workplace(site=site, scratch=scratch, folder=folder, sealed=sealed, code=code)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -143,30 +181,19 @@ def probe(
 
 
 def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left: Folder) -> ProbeResult:
-    home, replies, case, allowed = scratch / "home", scratch / "reply", request.case, request.limits
-    furnish(site, home)
-    folder, sealed = prepare_environment(site, scratch)
+    home, case, allowed = scratch / "home", request.case, request.limits
     (scratch / "request.json").write_text(wire.request_to_json(request))
-    with site.code(folder, case.api, case.imports, case.providers, case.beside) as code:
-        command = process.Command(
-            argv=_bootstrap(folder / site.python.relative_to(site.folder), scratch / "request.json"),
-            cwd=home,
-            env=site.run_variables(home, code),
-            limits=process.Limits(seconds=STARTUP_SECONDS + sum(allowed.values()), memory_mb=case.memory_mb),
-            log=scratch / LOG,
-            profile=process.Profile.CELL,
-            home=home,
-            sealed=sealed,
-            shielded=own_folders(),
-            writable=(scratch, *code.writable),
-        )
+    with set_up(site, scratch, case.api, case.imports, case.providers, case.beside) as place:
+        limits = process.Limits(seconds=STARTUP_SECONDS + sum(allowed.values()), memory_mb=case.memory_mb)
+        # -s and not -I, which would ignore the PYTHONPATH of the case.
+        command = place.command(("-s", str(INCELL / "bootstrap.py"), str(scratch / "request.json")), limits)
         try:
             with display.open_display(command, scratch / "display") as seen:
                 completed, overran = _watch(seen.command, left, allowed)
                 lost, places = seen.lost(), seen.places
         except display.NoDisplayError as error:
             completed, overran, lost, places = process.unstarted(command, str(error)), None, None, {}
-    completed = watched(site, folder, completed)
+    completed = watched(place, completed)
     return ProbeResult(
         reply=_reply(left),
         completed=completed,
@@ -177,23 +204,18 @@ def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left:
         lost=lost,
         places={
             **{str(one): "$ENV" for one in site.folders},
-            str(folder): "$ENV",
+            str(place.folder): "$ENV",
             str(site.pycache): "$PYCACHE",
-            **{str(one): "$PYCACHE" for one in code.writable},
+            **{str(one): "$PYCACHE" for one in place.code.writable},
             str(home): "$HOME",
             str(process.temporary(home)): "$TMP",
-            str(replies): "$REPLY",
+            str(scratch / "reply"): "$REPLY",
             str(INCELL): "$INCELL",
             str(scratch): "$SCRATCH",
             **{str(copy): f"${name}" for name, copy in site.brought.items()},
             **places,
         },
     )
-
-
-def _bootstrap(python: Path, request: Path) -> tuple[str, ...]:
-    # -s and not -I, which would ignore the PYTHONPATH of the case.
-    return str(python), "-s", str(INCELL / "bootstrap.py"), str(request)
 
 
 def _full(folder: Path) -> bool:
@@ -205,7 +227,7 @@ def _full(folder: Path) -> bool:
     return disk.f_bavail * disk.f_frsize < LITTLE_ROOM or (disk.f_files > 0 and disk.f_favail < FEW_NAMES)
 
 
-def furnish(site: Site, home: Path) -> None:
+def _furnish(site: Site, home: Path) -> None:
     """Make a HOME with the cell's own files."""
     home.mkdir(parents=True)
     for name, content in site.files.items():
@@ -214,7 +236,7 @@ def furnish(site: Site, home: Path) -> None:
         target.write_bytes(content)
 
 
-def prepare_environment(site: Site, scratch: Path) -> tuple[Path, tuple[Path, ...]]:
+def _prepare_environment(site: Site, scratch: Path) -> tuple[Path, tuple[Path, ...]]:
     """Return the folder of the environment for one run, and the folders to seal.
 
     If writes cannot be laid over the shared environment, it is a copy, which merges a thin environment with the one
@@ -236,11 +258,11 @@ def prepare_environment(site: Site, scratch: Path) -> tuple[Path, tuple[Path, ..
     return target, ()
 
 
-def watched(site: Site, folder: Path, completed: process.Completed) -> process.Completed:
+def watched(place: Workplace, completed: process.Completed) -> process.Completed:
     """Return how a run ended, with the files that it wrote into its copy of the environment, if it had one."""
-    if folder == site.folder:
+    if place.folder == place.site.folder:
         return completed
-    return replace(completed, written=tuple(islice(_differences(site, folder), MOST_WRITTEN)))
+    return replace(completed, written=tuple(islice(_differences(place.site, place.folder), MOST_WRITTEN)))
 
 
 def _differences(site: Site, copy: Path) -> Iterator[str]:

@@ -20,7 +20,7 @@ from harness.judging.runs.suite import CHECK, SOURCE
 from harness.machine import display, process
 from harness.machine.files.guarded_files import Folder
 from harness.machine.files.scratch_folders import scratch_folder
-from harness.machine.store import now, own_folders
+from harness.machine.store import now
 from harness.model import (
     CheckRecord,
     Interpreter,
@@ -37,7 +37,6 @@ from harness.model.errors import CouldNotTell
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import required_name
 from harness.packages import package_under_test
-from harness.packages.environments import bytecode
 from harness.packages.package_under_test import TESTS, SubjectWheel
 from harness.probes import launch
 from harness.probes.evidence import JUNIT, LOG, MODULES, End, Host, ProbeRun, Request
@@ -138,13 +137,10 @@ class Bench:
 
     def _ran(self, seconds: float, scratch: Path, source: Path, left: Folder) -> tuple[End, Host, dict[str, bytes]]:
         site = self.site
-        launch.furnish(site, scratch / "home")
-        folder, sealed = launch.prepare_environment(site, scratch)
-        with site.code(folder, CHECK, self.package.modules) as code:
-            place = _Place(scratch, source, folder, sealed, code)
-            ran, lost, shown = _shown(_command(self, seconds, place), scratch)
-        completed = launch.watched(site, folder, ran)
-        environments = {str(one): "$ENV" for one in (*site.folders, folder)}
+        with launch.set_up(site, scratch, CHECK, self.package.modules) as place:
+            ran, lost, shown = _shown(_command(self, seconds, place, source), scratch)
+        completed = launch.watched(place, ran)
+        environments = {str(one): "$ENV" for one in (*site.folders, place.folder)}
         places = {**self.places, str(source): SOURCE, str(scratch): "$SCRATCH", **environments, **shown}
 
         def clean(text: str) -> str:
@@ -169,44 +165,23 @@ class Bench:
         return self.vault.put(run, key)
 
 
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """The folders of a run: its scratch folder, the copy of the source, and the environment as it sees it."""
-
-    scratch: Path
-    source: Path
-    folder: Path
-    sealed: tuple[Path, ...]
-    code: bytecode.RunFolders
-
-
-def _command(bench: Bench, seconds: float, at: _Place) -> process.Command:
-    site, scratch, folder = bench.site, at.scratch, at.folder
-    python = folder / site.python.relative_to(site.folder)
-    path = ":".join([str(python.parent), site.variables.get("PATH", "")])
-    return process.Command(
-        argv=(
-            str(python),
-            "-s",
-            str(DOOR),
-            str(scratch / MODULES),
-            ",".join(bench.package.modules),
-            *bench.suite.arguments,
-            "--color=no",
-            "-rfE",
-            f"--rootdir={at.source}",
-            f"--junitxml={scratch / JUNIT}",
-        ),
-        cwd=at.source,
-        env={**site.run_variables(scratch / "home", at.code), "PATH": path, "VIRTUAL_ENV": str(folder)},
-        limits=process.Limits(seconds=seconds, memory_mb=bench.suite.memory_mb),
-        log=scratch / LOG,
-        profile=process.Profile.CELL,
-        home=scratch / "home",
-        sealed=at.sealed,
-        shielded=own_folders(),
-        writable=(scratch, *at.code.writable),
+def _command(bench: Bench, seconds: float, place: launch.Workplace, source: Path) -> process.Command:
+    scratch = place.scratch
+    arguments = (
+        "-s",
+        str(DOOR),
+        str(scratch / MODULES),
+        ",".join(bench.package.modules),
+        *bench.suite.arguments,
+        "--color=no",
+        "-rfE",
+        f"--rootdir={source}",
+        f"--junitxml={scratch / JUNIT}",
     )
+    limits = process.Limits(seconds=seconds, memory_mb=bench.suite.memory_mb)
+    python = place.folder / bench.site.python.relative_to(bench.site.folder)
+    path = ":".join([str(python.parent), bench.site.variables.get("PATH", "")])
+    return place.command(arguments, limits, source, PATH=path, VIRTUAL_ENV=str(place.folder))
 
 
 def _shown(command: process.Command, scratch: Path) -> tuple[process.Completed, str | None, Mapping[str, str]]:

@@ -11,7 +11,7 @@ import pytest
 from harness.machine import process
 from harness.machine.files.guarded_files import log_text
 from harness.machine.files.scratch_folders import scratch_folder
-from harness.machine.store import now, own_folders
+from harness.machine.store import now
 from harness.model import Cell, Expectation
 from harness.model.machine_trouble import SHOT
 from harness.probes import launch
@@ -85,25 +85,10 @@ class CellUnderTest:
         return ran
 
     def _run(self, code: str, arguments: tuple[str, ...], limits: process.Limits, scratch: Path) -> CommandResult:
-        launch.furnish(self.site, scratch / "home")
-        folder, sealed = launch.prepare_environment(self.site, scratch)
         script = scratch / "script.py"
         script.write_text(code, encoding="utf-8")
-        with self.site.code(folder, "tried") as lent:
-            command = process.Command(
-                # Without an overlay `folder` is a copy of the environment, whose own interpreter has to run.
-                argv=(str(folder / self.site.python.relative_to(self.site.folder)), "-s", str(script), *arguments),
-                cwd=scratch / "home",
-                env=self.site.run_variables(scratch / "home", lent),
-                limits=limits,
-                log=scratch / "log.txt",
-                profile=process.Profile.CELL,
-                home=scratch / "home",
-                sealed=sealed,
-                shielded=own_folders(),
-                writable=(scratch, *lent.writable),
-            )
-            done = process.run(command)
+        with launch.set_up(self.site, scratch, "tried") as place:
+            done = process.run(place.command(("-s", str(script), *arguments), limits))
         # None of these ends says anything about the user's code, so there is no result to be returned.
         if done.killed or done.out_of_memory or done.shot:
             why = done.killed or (SHOT if done.shot else None) or f"it needs more than {limits.memory_mb} MB"
