@@ -48,49 +48,43 @@ class UserIndex:
 
 def settings() -> UserIndex:
     """Return the places that variables and files set for uv and pip; uv's settings win over pip's."""
-    uv, pip = _uv_settings(), _pip_settings()
-    return UserIndex(
-        default=uv.default or pip.default,
-        extra=_distinct(uv.extra, pip.extra),
-        find_links=_distinct(uv.find_links, pip.find_links),
-        no_index=uv.no_index or pip.no_index,
-        strategy=uv.strategy or ("unsafe-best-match" if pip.extra else "first-index"),
-        certificates=uv.certificates or pip.certificates,
-        proxy=pip.proxy,
-        trust=uv.trust,
-    )
+    return _together(_uv_variables(), *map(_uv_file, _uv_files()), _pip_settings())
 
 
 def combined(matrix: IndexSettings) -> UserIndex:
     """Return the user's places with the matrix's before them; the matrix's default replaces the user's."""
-    user = settings()
+    own = UserIndex(default=matrix.default, extra=matrix.extra, find_links=matrix.find_links, no_index=matrix.no_index)
+    return _together(own, settings())
+
+
+def _together(*places: UserIndex) -> UserIndex:
+    """Return these places as one: of a setting with one value the first that is set counts, lists follow each other."""
+
+    def first(name: str) -> str | None:
+        return next(filter(None, (getattr(one, name) for one in places)), None)
+
     return UserIndex(
-        default=matrix.default or user.default,
-        extra=_distinct(matrix.extra, user.extra),
-        find_links=_distinct(matrix.find_links, user.find_links),
-        no_index=matrix.no_index or user.no_index,
-        strategy=user.strategy,
-        certificates=user.certificates,
-        proxy=user.proxy,
-        trust=user.trust,
+        default=first("default"),
+        extra=_distinct(*(one.extra for one in places)),
+        find_links=_distinct(*(one.find_links for one in places)),
+        no_index=any(one.no_index for one in places),
+        strategy=first("strategy"),
+        certificates=first("certificates"),
+        proxy=first("proxy"),
+        # Reversed: the last entry of a dict wins, and the user's file stands before the system's.
+        trust={name: value for one in reversed(places) for name, value in one.trust.items()},
     )
 
 
-def _uv_settings() -> UserIndex:
+def _uv_variables() -> UserIndex:
     given = os.environ.get
-    files = [_uv_file(path) for path in _uv_files()]
-    extra = [_named(value) for name in ("UV_INDEX", "UV_EXTRA_INDEX_URL") for value in given(name, "").split()]
     defaults = [_named(value) for name in ("UV_DEFAULT_INDEX", "UV_INDEX_URL") if (value := given(name))]
-    links = [_located(value, Path()) for value in _split(given("UV_FIND_LINKS", ""), ",")]
     return UserIndex(
-        default=next(iter([*defaults, *(one.default for one in files if one.default)]), None),
-        extra=_distinct(extra, *(one.extra for one in files)),
-        find_links=_distinct(links, *(one.find_links for one in files)),
-        no_index=any(one.no_index for one in files),
-        strategy=given("UV_INDEX_STRATEGY") or next((one.strategy for one in files if one.strategy), None),
+        default=next(iter(defaults), None),
+        extra=tuple(_named(value) for name in ("UV_INDEX", "UV_EXTRA_INDEX_URL") for value in given(name, "").split()),
+        find_links=tuple(_located(value, Path()) for value in _split(given("UV_FIND_LINKS", ""), ",")),
+        strategy=given("UV_INDEX_STRATEGY"),
         certificates=given("SSL_CERT_FILE"),
-        # Reversed: the last entry of a dict wins, and the user's file stands before the system's.
-        trust={name: value for one in reversed(files) for name, value in one.trust.items()},
     )
 
 
@@ -138,12 +132,13 @@ def _trust(table: Mapping[str, Any]) -> dict[str, str]:
 
 def _pip_settings() -> UserIndex:
     options = _pip_options()
-    first = next(iter(options.get("index-url", "").split()), None)
+    extra = tuple(options.get("extra-index-url", "").split())
     return UserIndex(
-        default=first,
-        extra=tuple(options.get("extra-index-url", "").split()),
+        default=next(iter(options.get("index-url", "").split()), None),
+        extra=extra,
         find_links=tuple(_located(value, Path()) for value in options.get("find-links", "").split()),
         no_index=options.get("no-index", "").lower() in {"1", "true", "yes", "on"},
+        strategy="unsafe-best-match" if extra else "first-index",
         certificates=os.environ.get("REQUESTS_CA_BUNDLE") or os.environ.get("CURL_CA_BUNDLE") or options.get("cert"),
         proxy=options.get("proxy"),
     )
