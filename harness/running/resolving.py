@@ -9,25 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 from harness.machine import process
 from harness.machine.store import Store
 from harness.matrix.plan import Ask
-from harness.model import Cell, CellRecord, Outcome
+from harness.model import Cell, Outcome
 from harness.model.errors import CouldNotTell
 from harness.running import scheduler
-
-
-class Unobserved:
-    """An observer that reports nothing: the caller reports how many questions there are."""
-
-    def started(self, cell: Cell) -> None:
-        """Say nothing."""
-
-    def step(self, cell: Cell, text: str) -> None:
-        """Say nothing."""
-
-    def done(self, record: CellRecord) -> None:
-        """Say nothing."""
-
-    def say(self, text: str) -> None:
-        """Say nothing."""
 
 
 def asking(store: Store, settings: scheduler.Settings) -> Ask:
@@ -37,7 +21,7 @@ def asking(store: Store, settings: scheduler.Settings) -> Ask:
     Python), or if a build failed: those are for the run to measure. A trouble of the network is CouldNotTell.
     """
     sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
-    runner = scheduler.Runner(store, settings, Unobserved())
+    runner = scheduler.Runner(store, settings, scheduler.QuietObserver())
 
     def reason(cell: Cell) -> str | None:
         step = runner.prepare(cell).record.resolve

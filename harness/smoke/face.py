@@ -17,10 +17,10 @@ from harness.machine import this_machine
 from harness.model import Cell, CellRecord, Phase, cellid
 from harness.model.errors import HarnessError
 from harness.reports import publishing
-from harness.running.scheduler import Runner
+from harness.running.scheduler import QuietObserver, Runner
 from harness.smoke import PLUGIN, SUITE, frozen, junit
 from harness.smoke import items as tree
-from harness.smoke.measuring import Measuring, Quiet
+from harness.smoke.measuring import Measuring
 
 FOLDER = Path(__file__).parent
 INPUT, FACTS, RECORD = "simmatrix_plan", "simmatrix_facts", "simmatrix_record"
@@ -88,7 +88,7 @@ class Face:
             return None
         from harness.smoke import distribute  # noqa: PLC0415 - xdist may be absent
 
-        runner = Runner(self.frozen.store, self.frozen.settings(Phase.RESOLVE), Quiet())
+        runner = Runner(self.frozen.store, self.frozen.settings(Phase.RESOLVE), QuietObserver())
         return distribute.ByEnvironment(
             config, log, self.frozen.cells, lambda cells: distribute.by_environment(runner, cells)
         )

@@ -11,29 +11,13 @@ from harness.machine import interpreters
 from harness.machine.store import Store, question_key
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, ControlRecord, Phase
 from harness.probes import launch
-from harness.running.scheduler import ControlledRunner, Runner, other_drawing
+from harness.running.scheduler import ControlledRunner, QuietObserver, Runner, other_drawing
 from harness.smoke import judging
 from harness.smoke.frozen import SessionPlan
 
 STEPS = frozenset({Phase.RESOLVE, Phase.INSTALL})
 ITSELF, SUITE = "", "::suite"
 """What stands in for a case: the cell itself, and its subject's suite; no case is called so."""
-
-
-class Quiet:
-    """An observer that prints nothing: pytest reports the progress."""
-
-    def started(self, cell: Cell) -> None:
-        """Do nothing: pytest reports it."""
-
-    def step(self, cell: Cell, text: str) -> None:
-        """Do nothing: pytest reports it."""
-
-    def done(self, record: CellRecord) -> None:
-        """Do nothing: pytest reports it."""
-
-    def say(self, text: str) -> None:
-        """Do nothing: pytest reports it."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -72,7 +56,7 @@ class Measuring:
         self.selection = selection
         self.credit = 0.0  # seconds measured of phases that have an item of their own
         self._frozen = frozen
-        self._runner = Runner(self.store, frozen.settings(), Quiet())
+        self._runner = Runner(self.store, frozen.settings(), QuietObserver())
         self._takes_locks = worker and frozen.fresh
         self._records: dict[tuple[str, str], CellRecord] = {}
         self._controls: dict[str, ControlRecord] = {}
@@ -150,7 +134,7 @@ class Measuring:
         """Let a worker reuse the lock that the controller has just made, even if all else is measured afresh."""
         interpreter = interpreters.obtain(cell.python, offline=self._frozen.offline)
         if interpreter and cell.subject is None:  # with a subject another question is asked, which is its own
-            reusing_runner = Runner(self.store, replace(runner.settings, fresh=False), Quiet())
+            reusing_runner = Runner(self.store, replace(runner.settings, fresh=False), QuietObserver())
             answer = reusing_runner.lock_of(cell, interpreter)
             runner.resolved.setdefault(question_key(cell.question, interpreter), answer)
 

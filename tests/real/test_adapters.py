@@ -21,8 +21,8 @@ from harness.machine import interpreters, store
 from harness.model import Cell, CellRecord, Level, Outcome, Phase, words
 from harness.model.vocabulary import APIS, MISLEADING
 from harness.probes import launch
-from harness.running import open_matrix, resolving
-from harness.running.scheduler import ControlledRunner, Runner, Settings
+from harness.running import open_matrix
+from harness.running.scheduler import ControlledRunner, QuietObserver, Runner, Settings
 from harness.smoke.tried import CellUnderTest
 
 HERE = Path(__file__).parent
@@ -43,7 +43,7 @@ def runner(tmp_path_factory: pytest.TempPathFactory) -> ControlledRunner:
     patch = pytest.MonkeyPatch()
     patch.setenv("HARNESS_STATE", str(folder / "state"))
     patch.setenv("HARNESS_CACHE", os.environ.get("HARNESS_CACHE") or str(folder / "cache"))
-    yield ControlledRunner(Runner(store.open_store(), Settings(), resolving.Unobserved()))
+    yield ControlledRunner(Runner(store.open_store(), Settings(), QuietObserver()))
     patch.undo()
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from harness.machine import interpreters, store
 from harness.model import CaseRecord, CellRecord, Outcome
-from harness.running import open_matrix, resolving
-from harness.running.scheduler import ControlledRunner, Runner, Settings
+from harness.running import open_matrix
+from harness.running.scheduler import ControlledRunner, QuietObserver, Runner, Settings
 
 MODULES = Path(__file__).parents[2] / "matrices" / "modules"
 GYM, GYM_TENSOR, ISAACLAB = WRAPPERS = tuple(f"interop.torchrl.{name}" for name in ("gym", "gym_tensor", "isaaclab"))
@@ -59,7 +59,7 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> CellRecord:
         patch.setenv("HARNESS_STATE", str(folder / "state"))
         patch.setenv("HARNESS_CACHE", os.environ.get("HARNESS_CACHE") or str(folder / "cache"))
         (cell,) = open_matrix.load(str(folder / "m.toml"), print).cells
-        found = ControlledRunner(Runner(store.open_store(), Settings(), resolving.Unobserved())).measure(cell)
+        found = ControlledRunner(Runner(store.open_store(), Settings(), QuietObserver())).measure(cell)
     assert found.resolve
     if found.resolve.outcome is Outcome.UNAVAILABLE and "build of torch" in (found.resolve.decisive or ""):
         pytest.skip("unavailable: torch")

@@ -1,9 +1,9 @@
 """Schedule many cells: resolve each question once, make each environment once, reuse results, run several at a time."""
 
-from harness.running.scheduler.control import ControlledRunner, QuietObserver
+from harness.running.scheduler.control import ControlledRunner
 from harness.running.scheduler.flow import run
 from harness.running.scheduler.runner import Prepared, Runner
-from harness.running.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
+from harness.running.scheduler.settings import AUTO, WAITING, Observer, QuietObserver, Settings, default_jobs
 
 __all__ = [
     "AUTO",

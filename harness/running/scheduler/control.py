@@ -10,7 +10,7 @@ from harness.model.errors import BadInput
 from harness.running import controls
 from harness.running.scheduler import cell_faults
 from harness.running.scheduler.runner import Runner
-from harness.running.scheduler.settings import Observer
+from harness.running.scheduler.settings import QuietObserver
 from harness.running.scheduler.steps import Steps, carry_out, peek, pending
 
 
@@ -94,19 +94,3 @@ class ControlledRunner:
 
 def _name(control: Cell) -> str:
     return f"control {control.label}"
-
-
-class QuietObserver:
-    """An observer that passes on only what a user has to know of controls: their cells are not counted."""
-
-    def __init__(self, observer: Observer) -> None:
-        self.say = observer.say
-
-    def started(self, cell: Cell) -> None:
-        """Show nothing: the user was informed before."""
-
-    def step(self, cell: Cell, text: str) -> None:
-        """Show nothing."""
-
-    def done(self, record: CellRecord) -> None:
-        """Show nothing: the records of other cells show the result."""

@@ -54,6 +54,27 @@ class Observer(Protocol):
         """Tell the user something once."""
 
 
+class QuietObserver:
+    """An observer that shows nothing of cells; what a user has to know goes on to `observer`, if there is one."""
+
+    def __init__(self, observer: Observer | None = None) -> None:
+        self._observer = observer
+
+    def started(self, cell: Cell) -> None:
+        """Show nothing."""
+
+    def step(self, cell: Cell, text: str) -> None:
+        """Show nothing."""
+
+    def done(self, record: CellRecord) -> None:
+        """Show nothing."""
+
+    def say(self, text: str) -> None:
+        """Tell the user, if somebody listens."""
+        if self._observer:
+            self._observer.say(text)
+
+
 def default_jobs() -> int:
     """Return the number of cores that this process may use, one cell per core.
 
