@@ -123,45 +123,24 @@ class CellItem(OutcomeItem):
         return {name: value for name, value in {**facts, "environment": record.key}.items() if value}
 
 
-class StepItem(CellItem):
-    """The item of a cell's step: resolve or install."""
-
-    def measured(self) -> ItemOutcome:
-        """Run the step, and return its outcome."""
-        measuring = self.config.stash[SESSION].measuring
-        assert self.phase
-        record = measuring.steps(self.cell)
-        self.facts = self.read_facts(record)
-        shown = measuring.selection.phases(self.cell)
-        return judging.judge_phase(self.cell, self.phase, judging.collect_phases(record), shown, store.now())
-
-
 class PhaseItem(CellItem):
-    """One phase of one case."""
+    """The item of one phase: of a case, of the cell itself (resolve, install), or of its package's own tests."""
 
     def measured(self) -> ItemOutcome:
-        """Measure the case, and return the outcome of the phase."""
-        measuring = self.config.stash[SESSION].measuring
-        assert self.case
-        assert self.phase
-        record = measuring.case(self.cell, self.case)
-        self.facts = self.read_facts(record)
-        shown = measuring.shown(self.cell, self.case)
-        return judging.judge_phase(self.cell, self.phase, judging.collect_phases(record), shown, store.now())
-
-
-class SuiteItem(CellItem):
-    """The item of the package's own test suite."""
-
-    def measured(self) -> ItemOutcome:
-        """Run the suite, and return its outcome."""
+        """Measure what the phase belongs to, and return the outcome of the phase."""
         measuring = self.config.stash[SESSION].measuring
         assert self.phase
-        record = measuring.suite(self.cell)
+        collect, shown = judging.collect_phases, measuring.selection.phases(self.cell)
+        if self.case:
+            record, shown = measuring.case(self.cell, self.case), measuring.shown(self.cell, self.case)
+        elif self.phase is Phase.SUITE:
+            record, collect = measuring.suite(self.cell), judging.collect_suite
+            imports = (measuring.selection.phases(self.cell, case.id) & {Phase.IMPORT} for case in self.cell.cases)
+            shown = shown.union(*imports)
+        else:
+            record = measuring.steps(self.cell)
         self.facts = self.read_facts(record)
-        imports = (measuring.selection.phases(self.cell, case.id) & {Phase.IMPORT} for case in self.cell.cases)
-        shown = measuring.selection.phases(self.cell).union(*imports)
-        return judging.judge_phase(self.cell, self.phase, judging.collect_suite(record), shown, store.now())
+        return judging.judge_phase(self.cell, self.phase, collect(record), shown, store.now())
 
 
 class VerdictItem(CellItem):
@@ -217,11 +196,11 @@ class CellNode(pytest.Collector):
     def collect(self) -> Iterator[pytest.Item | pytest.Collector]:
         """Yield the steps of the cell, its cases, its suite if it has one, and its verdict."""
         for phase in sorted(STEPS, key=list(Phase).index):
-            yield StepItem.from_parent(self, name=phase.value, cell=self.cell, phase=phase)
+            yield PhaseItem.from_parent(self, name=phase.value, cell=self.cell, phase=phase)
         for case in self.cell.cases:
             yield CaseNode.from_parent(self, name=case.id, cell=self.cell, case=case)
         if has_suite(self.cell):
-            yield SuiteItem.from_parent(self, name=Phase.SUITE.value, cell=self.cell, phase=Phase.SUITE)
+            yield PhaseItem.from_parent(self, name=Phase.SUITE.value, cell=self.cell, phase=Phase.SUITE)
         yield VerdictItem.from_parent(self, name=VERDICT, cell=self.cell)
 
 
