@@ -8,7 +8,7 @@ from pathlib import Path
 
 from harness.ci import drafts, first_cases, first_values, workflows
 from harness.ci.drafts import Case, Draft, Project, Range
-from harness.ci.drafts.values import Offer, narrow
+from harness.ci.drafts.values import narrow
 from harness.ci.first_cases import FirstCases, Scout
 from harness.machine import interpreters, store
 from harness.model.errors import BadInput, HarnessError
@@ -109,16 +109,7 @@ def _narrowed(ranges: Sequence[Range], python: str) -> Iterator[Range]:
         except HarnessError:  # the range is expanded right after, and says it then
             yield each
             continue
-        offers = [
-            Offer(
-                version=release.version,
-                yanked=release.yanked,
-                requires_python=release.requires_python,
-                wheels=release.wheels,
-            )
-            for release in releases
-        ]
-        yield narrow(each, offers, version)
+        yield narrow(each, releases, version)
 
 
 def _minor(python: str) -> str:

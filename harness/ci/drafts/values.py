@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import InvalidWheelFilename, parse_wheel_filename
@@ -14,22 +14,13 @@ from harness.matrix.matrix_types import RangeTable
 from harness.matrix.version_ranges import expand_range
 from harness.model import Interpreter
 from harness.packages import locks
+from harness.packages.index import Release
 
 MOST_LEFT_OUT = 12
 """Releases that a range leaves out one by one; beyond that the matrix would be hard to read."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Offer:
-    """A release that an index offers, with the Pythons it is for and the names of its wheels."""
-
-    version: str
-    yanked: bool
-    requires_python: str | None
-    wheels: tuple[str, ...]
-
-
-def narrow(wanted: Range, offers: Sequence[Offer], python: str) -> Range:
+def narrow(wanted: Range, offers: Sequence[Release], python: str) -> Range:
     """Return the range without releases that cannot be installed on a Python (`3.11`), with a note that names them.
 
     A release needs a wheel for that Python, unless no release of the range has any wheel.
@@ -68,13 +59,13 @@ def _allows(text: str, version: str) -> bool:
         return False
 
 
-def _values(wanted: Range, offers: Iterable[Offer]) -> tuple[str, ...]:
+def _values(wanted: Range, offers: Iterable[Release]) -> tuple[str, ...]:
     """Return the versions to which the range expands."""
     table = RangeTable(range=wanted.range, rule=wanted.rule)
     return expand_range(table, [(offer.version, offer.yanked) for offer in offers])
 
 
-def _fits(offer: Offer, python: str, tags: frozenset[object], *, built: bool) -> bool:
+def _fits(offer: Release, python: str, tags: frozenset[object], *, built: bool) -> bool:
     try:
         pythons = SpecifierSet(offer.requires_python or "")
     except InvalidSpecifier:

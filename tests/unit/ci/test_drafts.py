@@ -11,13 +11,14 @@ from harness.ci import drafts
 from harness.ci.drafts import Case, Draft, Project, Range, SuiteDraft
 from harness.ci.drafts import candidates as trying
 from harness.ci.drafts.candidates import Candidate
-from harness.ci.drafts.values import Offer, narrow
+from harness.ci.drafts.values import narrow
 from harness.ci.workflows import read
 from harness.matrix import matrix_file, plan
 from harness.matrix.matrix_types import Expansion
 from harness.model import Plan, Suite
 from harness.model.errors import BadInput
 from harness.model.vocabulary import GYMNASIUM, Instant, Rule
+from harness.packages.index import Release
 from harness.reports.template_files import read_template
 
 TEMPLATE = read_template("matrix.toml.j2")
@@ -250,10 +251,10 @@ def test_extras_that_users_install() -> None:
 # --- values of an axis -----------------------------------------------------------------------------------------
 
 
-def offer(version: str, *wheels: str, python: str | None = None) -> Offer:
+def offer(version: str, *wheels: str, python: str | None = None) -> Release:
     """Return a release with wheels for these tags."""
     names = tuple(f"sim-{version}-{tags}.whl" for tags in wheels)
-    return Offer(version=version, yanked=False, requires_python=python, wheels=names)
+    return Release(version=version, uploaded=None, yanked=False, requires_python=python, wheels=names, sdist=True)
 
 
 OLD, NEW, ANY = "cp36-cp36m-manylinux1_x86_64", "cp311-cp311-manylinux1_x86_64", "py3-none-any"
@@ -301,7 +302,7 @@ OLD, NEW, ANY = "cp36-cp36m-manylinux1_x86_64", "cp311-cp311-manylinux1_x86_64",
     ],
 )
 def test_values_that_cannot_work_are_left_out(
-    range_: str, rule: Rule, offers: tuple[Offer, ...], expected: str, note: str | None
+    range_: str, rule: Rule, offers: tuple[Release, ...], expected: str, note: str | None
 ) -> None:
     """A release without a wheel for the Python of the cells is no value, and the note names it."""
     found = narrow(Range(package="sim", range=range_, rule=rule), offers, "3.11")
