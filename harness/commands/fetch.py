@@ -92,7 +92,7 @@ def _earlier(folder: Path, name: str, matrix: str) -> Manifest | None:
         return old
     now = {f"matrices/{matrix}/{inner}": path for inner, path in open_matrix.files(name).items()}
     if now.keys() == {mine.file, *mine.beside} and all(
-        offline_bundle.hash_of(path) == old.files[file].sha256 for file, path in now.items()
+        store.sha256_of(path) == old.files[file].sha256 for file, path in now.items()
     ):
         return old
     tell(f"{name}: was changed since it was fetched; its cells are fetched again")

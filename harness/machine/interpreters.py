@@ -24,7 +24,6 @@ from harness.machine.files import guarded_files
 from harness.machine.process import Command, Limits, Profile, run
 from harness.machine.store import cache_folder, write_atomic
 from harness.model import Interpreter
-from harness.model.hostile_data import Unreadable
 
 OLDEST = Version("3.7")
 """The in-cell side speaks Python 3.7 to 3.14; an older interpreter is as good as absent."""
@@ -272,21 +271,13 @@ def _command(argv: tuple[str, ...], folder: Path, log: Path, *, seconds: float, 
     )
 
 
-MOST_KNOWN = 16 << 20
-
-
 def _known_file() -> Path:
     return cache_folder() / "interpreters.json"
 
 
 @functools.cache
 def _load_cache() -> dict[str, _CacheEntry]:
-    try:
-        return guarded_files.read_decoded(
-            _known_file(), MOST_KNOWN, guarded_files.decoder(dict[str, _CacheEntry]).decode
-        )
-    except Unreadable:
-        return {}
+    return guarded_files.load(_known_file(), dict[str, _CacheEntry]) or {}
 
 
 def _downloadable(request: str) -> bool:

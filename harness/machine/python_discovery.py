@@ -11,15 +11,11 @@ import msgspec
 
 from harness.machine.files import guarded_files
 from harness.machine.store import cache_folder, write_atomic
-from harness.model.hostile_data import Unreadable
 
 VARIABLES = (
     "PATH", "HOME", "XDG_DATA_HOME", "PYENV_ROOT", "ASDF_DATA_DIR", "RYE_PY_ROOT", "UV_PYTHON_INSTALL_DIR",
 )  # fmt: skip
 """By these `findpython` finds its folders."""
-
-
-MOST = 16 << 20
 
 
 class _Discovery(msgspec.Struct, frozen=True):
@@ -32,10 +28,7 @@ class _Discovery(msgspec.Struct, frozen=True):
 def candidates(managed: Path) -> tuple[Path, ...]:
     """Return the real paths of files that look like a Python 3, none of them started; `managed` is our uv folder."""
     memory, marks = cache_folder() / "candidates.json", _marks(managed)
-    try:
-        discovery = guarded_files.read_decoded(memory, MOST, guarded_files.decoder(_Discovery).decode)
-    except Unreadable:
-        discovery = None
+    discovery = guarded_files.load(memory, _Discovery)
     # A link can lead elsewhere while the folder that holds it stays unchanged.
     if (
         discovery is None

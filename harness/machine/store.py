@@ -147,6 +147,12 @@ def digest(*parts: Any) -> str:
     return hashlib.sha256(msgspec.json.encode(parts, order="deterministic")).hexdigest()[:32]
 
 
+def sha256_of(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def question_key(question: Question, interpreter: Interpreter) -> str:
     """Return a key that is equal for two cells exactly when one resolution serves both."""
     return digest("lock", question, interpreter.implementation, interpreter.version, os.uname().machine)
@@ -259,15 +265,17 @@ class Store:
 
     def load_cell(self, machine: str, cell: Cell) -> CellRecord | None:
         """Return the last record of a cell on a machine, also where an earlier version kept it by its older id."""
-        record = _read(self.cell_file(machine, cell.id), CellRecord)
-        if record is None and (before := _read(self.cell_file(machine, cellid.to_old_form(cell)), CellRecord)):
+        record = guarded_files.load(self.cell_file(machine, cell.id), CellRecord)
+        if record is None and (
+            before := guarded_files.load(self.cell_file(machine, cellid.to_old_form(cell)), CellRecord)
+        ):
             record = replace(before, cell=_renamed(before.cell))
         return record if record and record.cell.id == cell.id else None
 
     def glance(self, machine: str, cell: Cell) -> Glance | None:
         """Return the part of a cell's last record that shows its cost; None if there is no record."""
         files = (self.cell_file(machine, name) for name in (cell.id, cellid.to_old_form(cell)))
-        return next((summary for file in files if (summary := _read(file, Glance))), None)
+        return next((summary for file in files if (summary := guarded_files.load(file, Glance))), None)
 
     def save_machine(self, name: str, facts: Mapping[str, Any]) -> None:
         """Keep the facts of a machine that cells are measured on."""
@@ -275,12 +283,12 @@ class Store:
 
     def load_machine(self, name: str) -> dict[str, Any]:
         """Return the facts of a machine that cells were measured on."""
-        return _read(self.folder / "cells" / name / "machine.json", dict[str, Any]) or {}
+        return guarded_files.load(self.folder / "cells" / name / "machine.json", dict[str, Any]) or {}
 
     def cells(self) -> Iterator[CellRecord]:
         """Yield every cell record of every machine."""
         for path in sorted((self.folder / "cells").glob("*/*/*.json")):
-            record = _read(path, CellRecord)
+            record = guarded_files.load(path, CellRecord)
             if record is None:
                 continue
             cell = _renamed(record.cell)
@@ -304,7 +312,7 @@ class Store:
         return f"{self.folder}/{kind}/{key[:2]}/{key[2:]}.json"
 
     def _load(self, kind: str, key: str, record_type: type[T]) -> T | None:
-        return _read(self._path(kind, key), record_type)
+        return guarded_files.load(self._path(kind, key), record_type)
 
     def _save(self, kind: str, key: str, value: Any) -> None:
         write_atomic(Path(self._path(kind, key)), _encode(value))
@@ -338,11 +346,3 @@ def open_store() -> Store:
 
 def _encode(value: Any) -> bytes:
     return msgspec.json.encode(value, order="deterministic")
-
-
-def _read(path: str | Path, record_type: type[T]) -> T | None:
-    """Return the decoded file; None if it is absent, damaged, or of an older shape and so of no use."""
-    try:
-        return guarded_files.read_decoded(path, MOST_RECORD, guarded_files.decoder(record_type).decode)
-    except Unreadable:
-        return None

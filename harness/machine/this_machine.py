@@ -219,10 +219,7 @@ MOST = 16 << 20
 def _parts() -> dict[str, dict[str, str]]:
     """Return the description of each part; ask again only if something was installed, removed or started."""
     memory, marks = cache_folder() / "machine.json", _marks()
-    try:
-        record = guarded_files.read_decoded(memory, MOST, guarded_files.decoder(_Memory).decode)
-    except Unreadable:
-        record = None
+    record = guarded_files.load(memory, _Memory)
     if record and record.marks == marks:
         process.remember(record.sandbox)
         return record.parts

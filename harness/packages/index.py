@@ -6,7 +6,6 @@ folder or a page of links. A trouble of the network is `IndexUnreachable`, never
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 import shutil
@@ -29,6 +28,7 @@ from packaging.utils import (
 )
 from packaging.version import Version
 
+from harness.machine.store import sha256_of
 from harness.model import Artifact, IndexSettings
 from harness.model.errors import BadInput, CouldNotTell
 from harness.packages.index_settings import NOTHING, UserIndex, combined
@@ -142,10 +142,7 @@ def _listed(client: _Client, places: UserIndex, name: str) -> list[_File]:
 def _sha256(file: _File) -> str | None:
     """Return the hash that the index gives for a file, else the computed hash of a file on this machine."""
     path = _local(file.address)
-    if file.sha256 or path is None:
-        return file.sha256
-    with _there(path).open("rb") as content:
-        return hashlib.file_digest(content, "sha256").hexdigest()
+    return file.sha256 if file.sha256 or path is None else sha256_of(_there(path))
 
 
 def fetch(artifact: Artifact, folder: Path, matrix: IndexSettings = NOTHING, *, offline: bool = False) -> Path:
@@ -378,8 +375,7 @@ def _from_html(content: bytes, address: str) -> list[_File]:
 
 
 def _check(path: Path, artifact: Artifact) -> None:
-    with path.open("rb") as file:
-        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    sha256 = sha256_of(path)
     if sha256 != artifact.sha256:
         message = (
             f"{artifact.filename} from {_shown(artifact.source)} is not the file that the lock names: "

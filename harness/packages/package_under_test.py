@@ -6,7 +6,6 @@ commit with the same dependencies asks the same question, and finds its lock and
 
 from __future__ import annotations
 
-import hashlib
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -21,7 +20,7 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name, parse_wheel_filename
 
 from harness.machine.files.file_locks import exclusive
-from harness.machine.store import cache_folder, digest, write_atomic
+from harness.machine.store import cache_folder, digest, sha256_of, write_atomic
 from harness.model import (
     Artifact,
     Interpreter,
@@ -106,7 +105,7 @@ def record_state(subject: Subject, *, offline: bool = False) -> Subject:
         if subject.suite or subject.groups:
             message = f"subject: {path.name} is a wheel, which has neither tests nor dependency groups; name a folder"
             raise BadInput(message)
-        state = checkouts.State(mark=_sha256(path))
+        state = checkouts.State(mark=sha256_of(path))
     elif any((path / name).is_file() for name in project.FILES):
         state = checkouts.of_folder(path)
     else:
@@ -217,7 +216,7 @@ def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> Su
         tested=Tested(
             name=name,
             version=str(version),
-            sha256=_sha256(path),
+            sha256=sha256_of(path),
             content=digest("content", entries, sorted(record)),
         ),
         requires=tuple(str(value) for value in headers.get_all("Requires-Dist", ())),
@@ -251,11 +250,6 @@ def _python_refused(named: str, requires_python: str, interpreter: Interpreter) 
 
 def _failed(phase: Phase, decisive: str) -> Step:
     return Step(phase=phase, outcome=Outcome.FAILED, decisive=decisive)
-
-
-def _sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 # --- what it asks for ------------------------------------------------------------------------------------------

@@ -22,7 +22,8 @@ T = TypeVar("T")
 
 FLAGS = os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
 PIECE = 1 << 20
-MOST_LOG = 64 << 20
+MOST_LOG, MOST_OWN = 64 << 20, 256 << 20
+"""Bytes that are read of a log, and of a JSON file that the harness wrote."""
 
 
 def read(path: str | Path, most: int, *, follow: bool = False) -> bytes:
@@ -53,6 +54,14 @@ def decoder(kind: type[T]) -> msgspec.json.Decoder[T]:
             _decoders[kind] = msgspec.json.Decoder(kind)
         json_decoder: msgspec.json.Decoder[T] = _decoders[kind]
     return json_decoder
+
+
+def load(path: str | Path, kind: type[T]) -> T | None:
+    """Return a JSON file of our own; None if it is absent, damaged, or of an older shape and so of no use."""
+    try:
+        return read_decoded(path, MOST_OWN, decoder(kind).decode)
+    except Unreadable:
+        return None
 
 
 _making = Lock()

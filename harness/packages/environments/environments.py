@@ -30,7 +30,6 @@ from harness.packages.environments.environment_damage import CONFIG, PYTHON, fin
 from harness.packages.sources import builds, sdists
 
 STAMP = "stamp.json"
-MOST_STAMP = 16 << 20
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -260,16 +259,9 @@ def _beyond_python(path: Path, interpreter: Interpreter) -> Iterator[Finding]:
 # --- making ----------------------------------------------------------------------------------------------------
 
 
-def _stamp(path: Path) -> _Stamp | None:
-    try:
-        return guarded_files.read_decoded(path / STAMP, MOST_STAMP, guarded_files.decoder(_Stamp).decode)
-    except Unreadable:
-        return None
-
-
 def _usable(path: Path) -> _Stamp | None:
     """Return the stamp of an environment if its metadata show it as it was made; else None."""
-    stamp = _stamp(path)
+    stamp = guarded_files.load(path / STAMP, _Stamp)
     # Copies suit every sandbox; hard links lead into uv's cache and suit only one that seals them.
     if stamp is None or stamp.key != _key(path) or stamp.link_mode not in {mode(), "copy"}:
         return None
@@ -414,5 +406,5 @@ def _difference(versions: Mapping[str, str], wanted: Mapping[str, str]) -> Step 
 
 def _known_hashes(folder: Path) -> frozenset[str]:
     """Return the hashes of wheels that environments here were made of: uv's cache holds these already."""
-    stamps = (_stamp(path) for path in folder.iterdir()) if folder.exists() else ()
+    stamps = (guarded_files.load(path / STAMP, _Stamp) for path in folder.iterdir()) if folder.exists() else ()
     return frozenset(sha256 for stamp in stamps if stamp for sha256 in stamp.hashes)

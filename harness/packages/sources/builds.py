@@ -7,7 +7,6 @@ that a second one resolves nothing.
 
 from __future__ import annotations
 
-import hashlib
 import re
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +23,7 @@ from harness.machine import process, this_machine
 from harness.machine.files import guarded_files
 from harness.machine.files.file_locks import exclusive, use
 from harness.machine.files.scratch_folders import remove_folder
-from harness.machine.store import cache_folder, digest, open_store, own_folders, write_atomic
+from harness.machine.store import cache_folder, digest, open_store, own_folders, sha256_of, write_atomic
 from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Pin, Question, Step
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable, understanding
@@ -234,8 +233,7 @@ def _sound(wheel: Path) -> str:
     if wheel.is_symlink() or not wheel.is_file():
         message = "it is not a regular file"
         raise Unreadable(message)
-    with wheel.open("rb") as file:
-        mark = hashlib.file_digest(file, "sha256").hexdigest()
+    mark = sha256_of(wheel)
     # Tried here, since `environments.wheels_of` reads the metadata without a guard.
     sdists.requires_dist(wheel)
     with zipfile.ZipFile(wheel) as archive:

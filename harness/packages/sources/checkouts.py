@@ -6,7 +6,6 @@ tools read a version from. What tools leave behind never enters, unless git trac
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 from collections.abc import Iterable, Iterator
@@ -16,7 +15,7 @@ from urllib.parse import parse_qs, urldefrag, urlsplit
 
 from harness.machine import process
 from harness.machine.files.file_locks import exclusive, use
-from harness.machine.store import cache_folder, digest
+from harness.machine.store import cache_folder, digest, sha256_of
 from harness.model.errors import BadInput, CouldNotTell
 from harness.packages import uv_command
 
@@ -263,9 +262,7 @@ def _hash(path: Path) -> str | None:
         return of_folder(path).mark  # a submodule, or another checkout
     if not path.is_file():
         return None
-    with path.open("rb") as file:
-        executable = "x" if os.access(path, os.X_OK) else ""
-        return hashlib.file_digest(file, "sha256").hexdigest() + executable
+    return sha256_of(path) + ("x" if os.access(path, os.X_OK) else "")
 
 
 def _git(script: str, work: Path, *arguments: str) -> str | None:

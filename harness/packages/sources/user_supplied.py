@@ -5,7 +5,6 @@ A cell gets a clean copy, kept in the cache by what it holds: the user's own fol
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 import tarfile
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.machine.files.file_locks import exclusive, use
-from harness.machine.store import cache_folder, digest
+from harness.machine.store import cache_folder, digest, sha256_of
 from harness.model import Bring, Brought
 from harness.model.errors import BadInput
 from harness.packages.sources import checkouts
@@ -47,8 +46,7 @@ def inspect_source(bring: Bring, *, offline: bool = False) -> Source:
     elif Path(source).is_dir():
         state = checkouts.of_folder(Path(source))
     elif Path(source).is_file():
-        with Path(source).open("rb") as file:
-            state = checkouts.State(mark=hashlib.file_digest(file, "sha256").hexdigest())
+        state = checkouts.State(mark=sha256_of(Path(source)))
     else:
         message = f"{bring.variable}: {source} is neither a folder nor an archive; {bring.say}"
         raise BadInput(message)

@@ -6,7 +6,6 @@ its hash; a file is compared with its hash before it is used.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import shutil
 import tarfile
@@ -23,7 +22,7 @@ import msgspec
 from harness.machine import interpreters
 from harness.machine.files import given_files, guarded_files
 from harness.machine.files.file_locks import exclusive
-from harness.machine.store import digest, open_store, write_atomic
+from harness.machine.store import digest, open_store, sha256_of, write_atomic
 from harness.model import Cell, IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Step, cellid, schema
 from harness.model.errors import BadInput
 from harness.packages import locks
@@ -144,12 +143,6 @@ def question_mark(cell: Cell) -> str:
     return digest("question", replace(cell.question, index=IndexSettings()))
 
 
-def hash_of(path: Path) -> str:
-    """Return the SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def request_for(implementation: str, version: str) -> str:
     """Return the request for exactly this Python."""
     name, _, build = implementation.partition("+")
@@ -262,7 +255,7 @@ class Fetched:
                 if wanted is None or not path.is_file():
                     message = f"{path}: is not there; fetch it again"
                     raise Changed(message)
-                if path.stat().st_size != wanted.size or hash_of(path) != wanted.sha256:
+                if path.stat().st_size != wanted.size or sha256_of(path) != wanted.sha256:
                     message = f"{name}: is not the file that was fetched, its SHA-256 is another; fetch it again"
                     raise Changed(message)
                 self._sound.add(name)

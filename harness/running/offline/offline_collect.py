@@ -18,7 +18,7 @@ from threading import Thread
 import msgspec
 
 from harness.machine import interpreters
-from harness.machine.store import Store, digest, question_key, write_atomic
+from harness.machine.store import Store, digest, question_key, sha256_of, write_atomic
 from harness.model import Artifact, CellRecord, IndexSettings, Interpreter, Lock, Outcome, Pin, Step
 from harness.model.errors import CouldNotTell
 from harness.model.report_types import format_count
@@ -240,7 +240,7 @@ class Collector:
         A file that no manifest names was never compared before.
         """
         path = self.folder / _place(artifact)
-        if path.exists() and offline_bundle.hash_of(path) != artifact.sha256:
+        if path.exists() and sha256_of(path) != artifact.sha256:
             path.unlink()
         return path.exists()
 
@@ -302,8 +302,8 @@ def _files(cell: FetchedCell) -> set[str]:
 
 
 def _is_sound(path: Path, file: FetchedFile) -> bool:
-    return path.is_file() and path.stat().st_size == file.size and offline_bundle.hash_of(path) == file.sha256
+    return path.is_file() and path.stat().st_size == file.size and sha256_of(path) == file.sha256
 
 
 def _described(path: Path) -> FetchedFile:
-    return FetchedFile(sha256=offline_bundle.hash_of(path), size=path.stat().st_size)
+    return FetchedFile(sha256=sha256_of(path), size=path.stat().st_size)
