@@ -6,6 +6,7 @@ import hashlib
 import platform
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +20,7 @@ from harness.matrix.matrix_types import Expansion, Matrix
 from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable
+from harness.packages import index
 from harness.probes.vault import MOST_FILE, Vault
 from harness.running.signatures import shipped_signatures
 
@@ -162,8 +164,6 @@ def locate(name: str) -> Path:
     matrices = built_in()
     if name in matrices:
         return matrices[name]
-    from difflib import get_close_matches  # noqa: PLC0415 - start-up
-
     near = get_close_matches(name, matrices, n=1)
     hint = f'did you mean "{near[0]}"?' if near else f"the built-in ones are: {', '.join(matrices) or 'none'}"
     message = f"{name}: not a matrix file (NAME.toml) and not a built-in matrix; {hint}"
@@ -195,8 +195,6 @@ def _expansion(
         status = "are to be expanded again" if renew else "were never expanded"
         message = f"{path}: its ranges {status}, which asks the index; run `simmatrix lock {path}` without --offline"
         raise CouldNotTell(message)
-    from harness.packages import index  # noqa: PLC0415 - start-up
-
     settings = _located(plan.index_settings(matrix), path.parent)
     releases = {
         name: [(release.version, release.yanked) for release in index.releases(name, settings, cutoff=instant)]

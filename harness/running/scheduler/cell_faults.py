@@ -10,33 +10,25 @@ import sys
 import traceback
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import harness
 from harness.judging.runs import decisive_line
 from harness.machine import process
-from harness.machine.store import Store, digest, write_atomic
+from harness.machine.store import digest, write_atomic
 from harness.model import Cell, Outcome, Phase, Step
 from harness.model.errors import BadInput, CouldNotTell, UnusableRequirement, in_the_way
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from harness.running.scheduler.settings import Observer
+    from harness.running.scheduler.settings import Workshop
 
 FRAMES = 60
 """Innermost frames that are kept of a traceback: a recursion has a thousand."""
 
 
-class Owner(Protocol):
-    """The runner, as far as faults need it."""
-
-    store: Store
-    observer: Observer
-    places: Mapping[str, str]
-
-
-def fault(owner: Owner, cell: Cell, phase: Phase, error: Exception) -> Step:
+def fault(shop: Workshop, cell: Cell, phase: Phase, error: Exception) -> Step:
     """Return the step at which a cell met this error, as a step that says nothing about packages.
 
     The traceback is kept beside the evidence, and the user is told where. Raises the error again where it is to end the
@@ -50,16 +42,16 @@ def fault(owner: Owner, cell: Cell, phase: Phase, error: Exception) -> Step:
         return Step(phase=phase, outcome=Outcome.FAILED, decisive=decisive_line.shorten_line(str(error)))
     if isinstance(error, CouldNotTell):
         return Step(phase=phase, outcome=Outcome.INFRA, decisive=decisive_line.shorten_line(str(error)))
-    places = {**owner.places, str(Path(harness.__file__).parent): "$HARNESS", sys.base_prefix: "$PYTHON"}
+    places = {**shop.places, str(Path(harness.__file__).parent): "$HARNESS", sys.base_prefix: "$PYTHON"}
     summary = f"{type(error).__name__}: {error}"[:1000]
-    log = _keep_traceback(owner, cell, error, places)
+    log = _keep_traceback(shop, cell, error, places)
     machine = in_the_way(error)
     if machine:
         reason = f"{machine}; fix that and run it again"
     else:
         reason = f"a fault of simmatrix, not of the packages: {summary}"
         where = f"; please report it with {log}" if log else "; please report it"
-        owner.observer.say(f"{cell.id}: {decisive_line.shorten_line(reason)}{where}")
+        shop.observer.say(f"{cell.id}: {decisive_line.shorten_line(reason)}{where}")
     return Step(
         phase=phase,
         outcome=Outcome.INFRA,
@@ -68,12 +60,12 @@ def fault(owner: Owner, cell: Cell, phase: Phase, error: Exception) -> Step:
     )
 
 
-def _keep_traceback(owner: Owner, cell: Cell, error: Exception, places: Mapping[str, str]) -> str | None:
+def _keep_traceback(shop: Workshop, cell: Cell, error: Exception, places: Mapping[str, str]) -> str | None:
     """Keep the traceback; return where, below the state folder, or None where even that fails."""
     # The fault may be a full disk, on which this fails, too.
     with suppress(Exception):
         text = "".join(traceback.format_exception(error, limit=-FRAMES))
-        file = owner.store.evidence(f"fault-{digest(cell.id)[:16]}") / "traceback.txt"
+        file = shop.store.evidence(f"fault-{digest(cell.id)[:16]}") / "traceback.txt"
         write_atomic(file, decisive_line.normalise(text, places).encode(errors="replace"))
-        return owner.store.relative(file)
+        return shop.store.relative(file)
     return None

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import TYPE_CHECKING
 
 from harness.judging.exercised import unregistered
-from harness.machine import interpreters, process, this_machine
+from harness.machine import debian_packages, interpreters, process, this_machine
 from harness.machine.files.file_locks import claim, exclusive
-from harness.machine.store import InstallResult, Store, digest, question_key
+from harness.machine.store import InstallResult, digest, question_key
 from harness.matrix import overlay_recipes
 from harness.model import (
     Case,
@@ -26,17 +25,16 @@ from harness.model import (
     Step,
 )
 from harness.model.errors import BadInput, CouldNotTell
-from harness.packages import uv_command, uv_failures
+from harness.packages import uv_failures
 from harness.probes import launch
 from harness.probes.evidence import Host
 from harness.probes.measure import Laboratory
 from harness.probes.vault import Vault
 from harness.running import case_run
-from harness.running.once_per_key import Once
 from harness.running.scheduler import cell_faults, other_drawing
 from harness.running.scheduler.lock_freshness import is_still_valid
 from harness.running.scheduler.records import finished, not_reached, stopped, with_modules
-from harness.running.scheduler.settings import Observer, Settings
+from harness.running.scheduler.settings import Workshop
 from harness.running.scheduler.shared_environment import NoEnvironment, Pool, code_folder, conditioned, outdated
 from harness.running.scheduler.steps import Steps, carry_out, peek, pending
 from harness.running.scheduler.user_supplied import BroughtSoftware, missing
@@ -76,25 +74,12 @@ class InstallFault(Exception):
 
 
 @dataclass
-class Runner:
+class Runner(Workshop):
     """A runner that takes cells through their phases; work that several of them need is done once.
 
-    Any thread may call it. `measured` has the probe runs of this process by their keys. It knows nothing of controls.
+    Any thread may call it. It knows nothing of controls.
     """
 
-    store: Store
-    settings: Settings
-    observer: Observer
-    once: Once = field(default_factory=Once)
-    resolved: dict[str, tuple[Lock | None, Step]] = field(default_factory=dict)
-    installed: dict[str, InstallResult] = field(default_factory=dict)
-    environments: dict[str, Environment] = field(default_factory=dict)
-    doubted: set[str] = field(default_factory=set)
-    measured: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    subjects: dict[str, SubjectWheel | Step] = field(default_factory=dict)
-    places: Mapping[str, str] = field(default_factory=uv_command.places)
-    pythons: dict[str, Interpreter] = field(default_factory=dict)
-    unchanged: set[str] = field(default_factory=set)
     luggage: BroughtSoftware = field(init=False)
 
     def __post_init__(self) -> None:
@@ -380,7 +365,8 @@ class Runner:
         from harness.running.scheduler import subject_in_cell  # noqa: PLC0415 - start-up
 
         suite = subject_in_cell.Suite(
-            owner=self,
+            shop=self,
+            resolve=self.lock,
             cell=pool.cell,
             lock=pool.lock,
             interpreter=pool.interpreter,
@@ -486,15 +472,9 @@ def _missing(cell: Cell) -> str | None:
     lacking = "; ".join(filter(None, (*missing(cell), this_machine.describe_missing(cell.needs)))) or None
     if lacking or not cell.system:
         return lacking
-    from harness.machine import debian_packages  # noqa: PLC0415 - start-up
-
     return debian_packages.describe_missing(cell.system)
 
 
 def _unchecked(cell: Cell) -> tuple[Finding, ...]:
     """Return a note on system packages of the cell that could not be looked up."""
-    if not cell.system:
-        return ()
-    from harness.machine import debian_packages  # noqa: PLC0415 - start-up
-
     return debian_packages.unchecked(cell.system)

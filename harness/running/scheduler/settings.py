@@ -1,16 +1,21 @@
-"""Define the settings of a run, and the observer that it reports to."""
+"""Define the settings of a run, the observer that it reports to, and what its cells share."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 from harness.machine import free_memory
-from harness.model import Cell, CellRecord, Phase
+from harness.machine.store import InstallResult, Store
+from harness.model import Cell, CellRecord, Interpreter, Lock, Phase, Step
+from harness.packages import uv_command
+from harness.running.once_per_key import Once
 
 if TYPE_CHECKING:
+    from harness.packages.environments.environments import Environment
+    from harness.packages.package_under_test import SubjectWheel
     from harness.running.offline.offline_bundle import Fetched
 
 AUTO = 0
@@ -73,6 +78,29 @@ class QuietObserver:
         """Tell the user, if somebody listens."""
         if self._observer:
             self._observer.say(text)
+
+
+@dataclass
+class Workshop:
+    """All that the cells of a run share: where results are kept, how they are made, and what was made once for all.
+
+    `installed` is what is known of installs, `environments` are those that were made or looked at in this run,
+    `doubted` the keys of installs that were found damaged. `measured` has the probe runs of this process by their keys.
+    """
+
+    store: Store
+    settings: Settings
+    observer: Observer
+    once: Once = field(default_factory=Once)
+    resolved: dict[str, tuple[Lock | None, Step]] = field(default_factory=dict)
+    installed: dict[str, InstallResult] = field(default_factory=dict)
+    environments: dict[str, Environment] = field(default_factory=dict)
+    doubted: set[str] = field(default_factory=set)
+    measured: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    subjects: dict[str, SubjectWheel | Step] = field(default_factory=dict)
+    places: Mapping[str, str] = field(default_factory=uv_command.places)
+    pythons: dict[str, Interpreter] = field(default_factory=dict)
+    unchanged: set[str] = field(default_factory=set)
 
 
 def default_jobs() -> int:

@@ -2,34 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from harness.machine import this_machine
-from harness.machine.store import InstallResult, Store, cache_folder, digest
+from harness.machine.store import InstallResult, cache_folder, digest
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import FAMILY
 from harness.packages.environments import first_import
-from harness.running.once_per_key import Once
-from harness.running.scheduler.settings import Observer, Settings
+from harness.running.scheduler.settings import Workshop
 
 if TYPE_CHECKING:
     from harness.packages.environments.environments import Environment
-
-
-class Owner(Protocol):
-    """The runner, as far as a pool needs it; `installed` is what it knows of installs, `environments` are those
-    that were made or looked at in this run, `doubted` are keys of installs that were found damaged."""
-
-    store: Store
-    settings: Settings
-    observer: Observer
-    once: Once
-    installed: dict[str, InstallResult]
-    environments: dict[str, Environment]
-    doubted: set[str]
 
 
 class NoEnvironment(Exception):
@@ -43,8 +30,8 @@ class NoEnvironment(Exception):
 class Pool:
     """The environment of one cell."""
 
-    def __init__(self, owner: Owner, cell: Cell, lock: Lock, interpreter: Interpreter) -> None:
-        self.owner, self.cell, self.lock, self.interpreter = owner, cell, lock, interpreter
+    def __init__(self, shop: Workshop, cell: Cell, lock: Lock, interpreter: Interpreter) -> None:
+        self.shop, self.cell, self.lock, self.interpreter = shop, cell, lock, interpreter
         question = cell.question
         # Build settings count beside the lock: they decide which wheels its sdists become.
         self.key = digest(
@@ -59,25 +46,25 @@ class Pool:
 
     def load_install(self) -> InstallResult | None:
         """Return the stored result of the install, if it still holds."""
-        result, settings = self.owner.installed.get(self.key), self.owner.settings
+        result, settings = self.shop.installed.get(self.key), self.shop.settings
         if result is None:
-            result = None if settings.fresh else self.owner.store.load_installed(self.key)
+            result = None if settings.fresh else self.shop.store.load_installed(self.key)
             if result is None or (result.failed and (settings.again or outdated(result.failed))):
                 return None
-            self.owner.installed[self.key] = result
+            self.shop.installed[self.key] = result
         self.known = True
         return replace(result, failed=replace(result.failed, reused=True)) if result.failed else result
 
     def install(self) -> InstallResult:
         """Make the environment, keep the result of the install and return it."""
-        with self.owner.once.turn(("install", self.key)):
+        with self.shop.once.turn(("install", self.key)):
             result = self.load_install()  # another thread may have made it while we waited
             if result:
                 return result
             result = self._new()
             if result.failed is None or result.failed.outcome is Outcome.FAILED:
-                self.owner.store.save_installed(self.key, result)
-            self.owner.installed[self.key] = result
+                self.shop.store.save_installed(self.key, result)
+            self.shop.installed[self.key] = result
         return result
 
     def _new(self) -> InstallResult:
@@ -98,7 +85,7 @@ class Pool:
         from harness.packages.environments import environments  # noqa: PLC0415 - start-up
 
         environments.discard(environment)
-        self.owner.environments.pop(self.key, None)
+        self.shop.environments.pop(self.key, None)
 
     def _describe_environment(self, environment: Environment) -> InstallResult:
         from harness.packages.environments import site_packages  # noqa: PLC0415 - start-up
@@ -115,32 +102,23 @@ class Pool:
 
     def environment(self) -> Environment:
         """Return the environment itself, from the pool or made now. Raises NoEnvironment."""
-        from harness.packages.environments import bytecode, environments  # noqa: PLC0415 - start-up
+        from harness.packages.environments import bytecode  # noqa: PLC0415 - start-up
 
-        with self.owner.once.turn(("environment", self.key)):
-            if self.key not in self.owner.environments:
-                self.owner.observer.step(self.cell, Phase.INSTALL)
-                ensured = self._ensured()
-                if (
-                    self.owner.settings.verify
-                    and not isinstance(ensured, Step)
-                    and not environments.is_intact(ensured, thorough=True)
-                ):
-                    environments.discard(ensured)
-                    ensured = self._ensured()
-                if isinstance(ensured, Step):
-                    raise NoEnvironment(ensured)
+        with self.shop.once.turn(("environment", self.key)):
+            if self.key not in self.shop.environments:
+                self.shop.observer.step(self.cell, Phase.INSTALL)
+                ensured = checked(self._ensured, self.shop)
                 # An earlier case may have poisoned what numba and Warp compiled (docs/threat-model.md).
-                if self.owner.settings.verify or self.owner.settings.fresh:
+                if self.shop.settings.verify or self.shop.settings.fresh:
                     bytecode.forget(code_folder(ensured))
-                self.owner.environments[self.key] = ensured
-        return self.owner.environments[self.key]
+                self.shop.environments[self.key] = ensured
+        return self.shop.environments[self.key]
 
     def _ensured(self) -> Environment | Step:
         from harness.packages.environments import environments  # noqa: PLC0415 - start-up
         from harness.packages.sources import overlays  # noqa: PLC0415 - start-up
 
-        settings = self.owner.settings
+        settings = self.shop.settings
         if settings.fetched:
             failed = settings.fetched.supply(self.cell, self.lock, self.interpreter)
             if failed:
@@ -148,10 +126,30 @@ class Pool:
         lock = overlays.provide_wheels(self.lock, self.cell.question, offline=settings.offline)
         if isinstance(lock, Step):
             return lock
-        thorough = settings.verify or self.key in self.owner.doubted
+        thorough = settings.verify or self.key in self.shop.doubted
         return environments.ensure(
             lock, self.interpreter, self.cell.question, offline=settings.offline, thorough=thorough
         )
+
+
+def checked(make: Callable[[], Environment | Step], shop: Workshop) -> Environment:
+    """Make an environment; with `verify` also check every file of it, and make it anew if need be.
+
+    Raises NoEnvironment.
+    """
+    from harness.packages.environments import environments  # noqa: PLC0415 - start-up
+
+    environment = make()
+    if (
+        shop.settings.verify
+        and not isinstance(environment, Step)
+        and not environments.is_intact(environment, thorough=True)
+    ):
+        environments.discard(environment)
+        environment = make()
+    if isinstance(environment, Step):
+        raise NoEnvironment(environment)
+    return environment
 
 
 def code_folder(environment: Environment) -> Path:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 from harness import model
 from harness.judging.runs import suite as judging
 from harness.machine import this_machine
-from harness.machine.store import InstallResult, Store, digest
+from harness.machine.store import InstallResult, digest
 from harness.model import (
     CaseRecord,
     Cell,
@@ -32,30 +31,12 @@ from harness.probes import launch
 from harness.probes.evidence import Host, Request
 from harness.probes.vault import Vault
 from harness.running import own_suites
-from harness.running.once_per_key import Once
-from harness.running.scheduler.settings import Observer, Settings
-from harness.running.scheduler.shared_environment import NoEnvironment, Pool, conditioned, outdated
+from harness.running.scheduler.settings import Workshop
+from harness.running.scheduler.shared_environment import Pool, checked, conditioned, outdated
 from harness.running.scheduler.steps import Steps, pending
 
 
-class Owner(Protocol):
-    """The runner, as far as it is needed here."""
-
-    store: Store
-    settings: Settings
-    observer: Observer
-    once: Once
-    installed: dict[str, InstallResult]
-    environments: dict[str, Environment]
-    doubted: set[str]
-    measured: dict[str, tuple[str, ...]]
-    subjects: dict[str, SubjectWheel | Step]
-
-    def lock(self, question: Question, interpreter: Interpreter) -> Steps[tuple[Lock | None, Step]]:
-        """Return the lock of a question, or why there is none."""
-
-
-def ready(owner: Owner, cell: Cell, interpreter: Interpreter) -> Steps[SubjectWheel | Step]:
+def ready(shop: Workshop, cell: Cell, interpreter: Interpreter) -> Steps[SubjectWheel | Step]:
     """Return the wheel of the cell's subject, or the step that failed; made once in a run for each Python."""
     assert cell.subject
     question = cell.question
@@ -67,32 +48,32 @@ def ready(owner: Owner, cell: Cell, interpreter: Interpreter) -> Steps[SubjectWh
         question.snapshot,
     )
     key = digest("subject", cell.subject.source, cell.subject.state, interpreter.identity, *inputs)
-    with owner.once.turn(("subject", key)):
-        if key not in owner.subjects:
-            owner.subjects[key] = yield from _ready(owner, cell, interpreter, key)
-    return owner.subjects[key]
+    with shop.once.turn(("subject", key)):
+        if key not in shop.subjects:
+            shop.subjects[key] = yield from _ready(shop, cell, interpreter, key)
+    return shop.subjects[key]
 
 
-def _ready(owner: Owner, cell: Cell, interpreter: Interpreter, key: str) -> Steps[SubjectWheel | Step]:
+def _ready(shop: Workshop, cell: Cell, interpreter: Interpreter, key: str) -> Steps[SubjectWheel | Step]:
     """Return a wheel that was built before, a failure that still holds, or the result of a build now."""
     assert cell.subject
-    settings = owner.settings
+    settings = shop.settings
     wheel = package_under_test.find_wheel(cell.subject, interpreter, cell.question)
     if wheel:
         return wheel
-    before = None if settings.fresh or settings.again else owner.store.load_installed(key)
+    before = None if settings.fresh or settings.again else shop.store.load_installed(key)
     if before and before.failed and not outdated(before.failed):
         return replace(before.failed, reused=True)
-    return (yield from pending(lambda: _build(owner, cell, interpreter, key)))
+    return (yield from pending(lambda: _build(shop, cell, interpreter, key)))
 
 
-def _build(owner: Owner, cell: Cell, interpreter: Interpreter, key: str) -> SubjectWheel | Step:
+def _build(shop: Workshop, cell: Cell, interpreter: Interpreter, key: str) -> SubjectWheel | Step:
     """Build the wheel of the subject now; keep a failure."""
     assert cell.subject
-    owner.observer.step(cell, "build")
-    wheel = package_under_test.ensure_wheel(cell.subject, interpreter, cell.question, offline=owner.settings.offline)
+    shop.observer.step(cell, "build")
+    wheel = package_under_test.ensure_wheel(cell.subject, interpreter, cell.question, offline=shop.settings.offline)
     if isinstance(wheel, Step) and wheel.outcome is Outcome.FAILED:
-        owner.store.save_installed(key, InstallResult(failed=conditioned(wheel)))
+        shop.store.save_installed(key, InstallResult(failed=conditioned(wheel)))
     return wheel
 
 
@@ -118,25 +99,16 @@ def _refusals(install: InstallResult, tested: SubjectWheel) -> Iterator[Finding]
             yield Finding(check="install.subject", level=Level.WARNING, text=text)
 
 
-def on_top(owner: Owner, pool: Pool, tested: SubjectWheel) -> Environment:
+def on_top(shop: Workshop, pool: Pool, tested: SubjectWheel) -> Environment:
     """Return the environment of a cell with the subject on top. Raises NoEnvironment."""
     base = pool.environment()
     # By content, not by hash: builds are not the same to the byte twice (`environments`).
     key = digest("on top", base.key, tested.tested.content)
-    with owner.once.turn(("environment", key)):
-        if key not in owner.environments:
-            environment = environments.ensure_layer(base, tested.wheel, pool.interpreter)
-            if (
-                owner.settings.verify
-                and isinstance(environment, Environment)
-                and not environments.is_intact(environment, thorough=True)
-            ):
-                environments.discard(environment)
-                environment = environments.ensure_layer(base, tested.wheel, pool.interpreter)
-            if isinstance(environment, Step):
-                raise NoEnvironment(environment)
-            owner.environments[key] = environment
-    return owner.environments[key]
+    with shop.once.turn(("environment", key)):
+        if key not in shop.environments:
+            environment = checked(lambda: environments.ensure_layer(base, tested.wheel, pool.interpreter), shop)
+            shop.environments[key] = environment
+    return shop.environments[key]
 
 
 # --- the suite -------------------------------------------------------------------------------------------------
@@ -146,16 +118,17 @@ def on_top(owner: Owner, pool: Pool, tested: SubjectWheel) -> Environment:
 class Suite:
     """The suite of one cell: its known result, and the way to measure it.
 
-    `cell` has the question that was resolved for it, `lock` is its lock. `site` makes the place of a run from an
-    environment and the environment below it. `identity` is the part of a result's key that describes the cell besides
-    the environment.
+    `cell` has the question that was resolved for it, `lock` is its lock. `resolve` returns the lock of a question, or
+    why there is none; `site` makes the place of a run from an environment and the environment below it. `identity` is
+    the part of a result's key that describes the cell besides the environment.
     """
 
-    owner: Owner
+    shop: Workshop
     cell: Cell
     lock: Lock
     interpreter: Interpreter
     tested: SubjectWheel
+    resolve: Callable[[Question, Interpreter], Steps[tuple[Lock | None, Step]]]
     site: Callable[[Environment, Environment], launch.Site]
     identity: tuple[object, ...]
     failed: PhaseRecord | None = field(default=None, init=False)
@@ -167,7 +140,7 @@ class Suite:
         assert self.cell.subject
         cell_question, subject = self.cell.question, self.cell.subject
         question = own_suites.question(cell_question, self.lock, subject, self.tested, self.interpreter)
-        lock, step = yield from self.owner.lock(question, self.interpreter)
+        lock, step = yield from self.resolve(question, self.interpreter)
         if lock is None:
             reason = f"the tests' packages cannot be installed with the cell's: {step.decisive}"
             self.failed = own_suites.not_run(reason, step)
@@ -176,7 +149,7 @@ class Suite:
         if moved:
             self.failed = own_suites.not_run(moved, Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=moved))
             return
-        self.pool = Pool(self.owner, replace(self.cell, question=question), lock, self.interpreter)
+        self.pool = Pool(self.shop, replace(self.cell, question=question), lock, self.interpreter)
         install = self.pool.load_install() or (yield from pending(self.pool.install))
         if install.failed:
             decisive = f"the environment of the tests cannot be made: {install.failed.decisive}"
@@ -202,8 +175,8 @@ class Suite:
     def _fold_runs(self) -> judging.Folded:
         """Fold the stored runs that may be reused, and the runs of this process whatever their results."""
         assert self.key
-        settings, vault = self.owner.settings, Vault(self.owner.store.folder)
-        mine = self.owner.measured.get(self.key, ())
+        settings, vault = self.shop.settings, Vault(self.shop.store.folder)
+        mine = self.shop.measured.get(self.key, ())
         before = () if settings.fresh else [name for name in vault.runs(self.key) if name not in mine]
         folded = judging.fold(vault.readings(before))
         folded = folded.reusable(this_machine.conditions(), failed_too=not settings.again)
@@ -211,7 +184,7 @@ class Suite:
 
     def _todo(self, fold: judging.Folded) -> Request | None:
         assert self.cell.subject
-        return judging.todo(self.cell.subject.suite or model.Suite(), fold, verify=self.owner.settings.verify)
+        return judging.todo(self.cell.subject.suite or model.Suite(), fold, verify=self.shop.settings.verify)
 
     def measure(self, cases: tuple[CaseRecord, ...]) -> PhaseRecord | None:
         """Return the suite's result, stored or measured now; None if it is not reached. Raises NoEnvironment."""
@@ -220,8 +193,8 @@ class Suite:
             return result
         assert self.cell.subject
         base = self.pool.environment()
-        environment = on_top(self.owner, self.pool, self.tested)
-        vault, fold = Vault(self.owner.store.folder), self._fold_runs()
+        environment = on_top(self.shop, self.pool, self.tested)
+        vault, fold = Vault(self.shop.store.folder), self._fold_runs()
         bench = own_suites.Bench(
             subject=self.cell.subject,
             package=self.tested,
@@ -231,9 +204,9 @@ class Suite:
             places=uv_command.places(),
         )
         while request := self._todo(fold):
-            self.owner.observer.step(self.cell, Phase.SUITE)
+            self.shop.observer.step(self.cell, Phase.SUITE)
             name = bench.measure(request, self.key)
-            self.owner.measured[self.key] = (*self.owner.measured.get(self.key, ()), name)
+            self.shop.measured[self.key] = (*self.shop.measured.get(self.key, ()), name)
             fold = judging.add_run(fold, vault.reading(name))
         return judging.phase(fold, reused=False)
 
