@@ -9,12 +9,10 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from email.message import Message
 from email.parser import HeaderParser
 from pathlib import Path
 from typing import Any
 
-from packaging.dependency_groups import resolve_dependency_groups
 from packaging.requirements import InvalidRequirement, Requirement
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import canonicalize_name, parse_wheel_filename
@@ -37,9 +35,9 @@ from harness.model import (
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable, understanding
 from harness.packages import locks
-from harness.packages.environments import environments
+from harness.packages.environments import environments, site_packages
 from harness.packages.requirement_files import project
-from harness.packages.sources import builds, checkouts
+from harness.packages.sources import builds, checkouts, sdists
 
 WHEEL = ".whl"
 PURE = "-none-any"
@@ -200,8 +198,8 @@ def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> Su
             name, version, _, tags = parse_wheel_filename(path.name)
             with zipfile.ZipFile(path) as archive:
                 entries = sorted((info.filename, info.CRC, info.file_size) for info in archive.infolist())
-                headers = _headers(archive, "METADATA")
-                record = archive.read(_inside(archive, "RECORD")).decode("utf-8", "replace").splitlines()
+                headers = HeaderParser().parsestr(sdists.about_wheel(archive, "METADATA"))
+                record = sdists.about_wheel(archive, "RECORD").splitlines()
     except Unreadable as error:
         return _failed(Phase.INSTALL, f"{path.name} is no wheel: {error}")
     if not any(tag in locks.tags(interpreter) for tag in tags):
@@ -210,7 +208,6 @@ def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> Su
     if refused:
         return refused
     files = [Path(line.partition(",")[0]) for line in record]
-    tops = {file.parts[0].partition(".")[0] for file in files if file.suffix in {".py", ".so"}}
     return SubjectWheel(
         path=path,
         tested=Tested(
@@ -221,21 +218,9 @@ def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> Su
         ),
         requires=tuple(str(value) for value in headers.get_all("Requires-Dist", ())),
         extras=tuple(canonicalize_name(str(value)) for value in headers.get_all("Provides-Extra", ())),
-        modules=tuple(sorted(top for top in tops - TESTS if top.isidentifier() and not top.startswith("_"))),
+        modules=tuple(top for top in site_packages.top_level(files) if top not in TESTS),
         groups=groups,
     )
-
-
-def _inside(archive: zipfile.ZipFile, name: str) -> str:
-    matches = [entry for entry in archive.namelist() if entry.endswith(f".dist-info/{name}") and entry.count("/") == 1]
-    if not matches:
-        message = f"it holds no {name}"
-        raise KeyError(message)
-    return matches[0]
-
-
-def _headers(archive: zipfile.ZipFile, name: str) -> Message:
-    return HeaderParser().parsestr(archive.read(_inside(archive, name)).decode("utf-8", "replace"))
 
 
 def _python_refused(named: str, requires_python: str, interpreter: Interpreter) -> Step | None:
@@ -304,7 +289,10 @@ def _expanded(
     package: SubjectWheel, interpreter: Interpreter, extras: tuple[str, ...], groups: tuple[str, ...]
 ) -> dict[str, None]:
     """Return the lines that apply, repeating until no further extra of the package itself comes with them."""
-    lines = (*package.requires, *_grouped(package, groups))
+    lines = (
+        *package.requires,
+        *project.resolve_groups(package.groups, groups, f"the dependency groups of {package.tested.name}"),
+    )
     environment = locks.marker_environment(interpreter)
     chosen = list(dict.fromkeys(extras))
     requirements: dict[str, None] = {}
@@ -336,11 +324,3 @@ def _holding(line: str, name: str, environment: Mapping[str, str], chosen: list[
 
 def _group_names(package: SubjectWheel) -> tuple[str, ...]:
     return tuple(canonicalize_name(name) for name in package.groups)
-
-
-def _grouped(package: SubjectWheel, groups: Iterable[str]) -> tuple[str, ...]:
-    try:
-        return resolve_dependency_groups(package.groups, *groups)
-    except ExceptionGroup as error:
-        message = f"the dependency groups of {package.tested.name}: {str(error.exceptions[0]).splitlines()[0]}"
-        raise BadInput(message) from None

@@ -53,6 +53,17 @@ class _Asking:
         question = replace(self.question, constraints=(*self.question.constraints, *constraints))
         return replace(self, question=question, options=(*self.options, *options))
 
+    def call(self, cache: Path) -> uv_command.Call:
+        """Return the settings of the uv command that answers it, with this cache."""
+        question = self.question
+        return uv_command.Call(
+            index=question.index,
+            folder=self.scratch,
+            cache=cache,
+            offline=self.offline,
+            variables=question.build_variables,
+        )
+
 
 def resolve(question: Question, interpreter: Interpreter, folder: Path, *, offline: bool = False) -> Lock | Step:
     """Answer a question for an interpreter: all packages, pinned and hashed, with the file that it takes of each.
@@ -131,18 +142,10 @@ def _attempt(asking: _Asking) -> Lock | Step:
 
 
 def _compile(asking: _Asking, cache: Path) -> uv_command.Result:
-    question = asking.question
     output = asking.scratch / "pylock.toml"
     output.unlink(missing_ok=True)
-    call = uv_command.Call(
-        index=question.index,
-        folder=asking.scratch,
-        log=asking.scratch / "uv.log",
-        cache=cache,
-        offline=asking.offline,
-        variables=question.build_variables,
-    )
-    return uv_command.compile_lock(call, asking.interpreter, (*_options(asking), "--format", "pylock.toml"), output)
+    options = (*_options(asking), "--format", "pylock.toml")
+    return uv_command.compile_lock(asking.call(cache), asking.interpreter, options, output)
 
 
 def _options(asking: _Asking) -> Iterator[str]:
@@ -289,15 +292,8 @@ def _askers(name: str, asking: _Asking) -> str:
     if any(_name(line) == name for line in asking.question.requirements):
         return "the requirements name"
     output = asking.scratch / "requirements.txt"
-    call = uv_command.Call(
-        index=asking.question.index,
-        folder=asking.scratch,
-        log=asking.scratch / "askers.log",
-        cache=uv_command.shared_cache(),
-        offline=asking.offline,
-        variables=asking.question.build_variables,
-    )
-    uv_command.compile_lock(call, asking.interpreter, (*_options(asking), "--annotation-style", "line"), output)
+    options = (*_options(asking), "--annotation-style", "line")
+    uv_command.compile_lock(asking.call(uv_command.shared_cache()), asking.interpreter, options, output)
     text = output.read_text(encoding="utf-8") if output.exists() else ""
     note = re.search(rf"(?m)^{re.escape(name)}==\S+\s+# via (.+)$", text)
     by = [part.strip() for part in note[1].split(",")] if note else ["another package"]

@@ -35,16 +35,25 @@ PASSED_ON = re.compile(
 build that uv starts makes of a package."""
 
 
+def shared_cache() -> Path:
+    """Return uv's cache for everything that does not depend on a build."""
+    return cache_folder() / "uv"
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Call:
-    """The settings of a uv command: package sources, cache, working folder, log and variables."""
+    """The settings of a uv command: package sources, cache, working folder and variables."""
 
     index: IndexSettings
     folder: Path
-    log: Path
-    cache: Path
+    cache: Path = field(default_factory=shared_cache)
     offline: bool = False
     variables: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def log(self) -> Path:
+        """Return the file that all output of uv goes to."""
+        return self.folder / "uv.log"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,11 +63,6 @@ class Result:
     ok: bool
     text: str
     trouble: str | None = None
-
-
-def shared_cache() -> Path:
-    """Return uv's cache for everything that does not depend on a build."""
-    return cache_folder() / "uv"
 
 
 @contextmanager
@@ -101,23 +105,19 @@ def install(call: Call, python: Path, pylock: Path, settings: Path, link_mode: s
 
 def tidy(what: str) -> bool:
     """Let uv `prune` unused entries of its cache, or `clean` it whole; False if it fails, as while another uv works."""
-    with scratch() as folder:
-        impatient = {"UV_LOCK_TIMEOUT": "10"}
-        call = Call(
-            index=IndexSettings(), folder=folder, log=folder / "uv.log", cache=shared_cache(), variables=impatient
-        )
-        return _run(call, ("cache", what)).ok
+    return _change_cache((what,), patience=10)
 
 
 def forget(packages: Iterable[str]) -> bool:
     """Remove these packages from uv's cache, so that they are downloaded anew; False if uv fails."""
+    # If this fails, an install keeps its damaged files, so another uv is waited for longer than in `tidy`.
+    return _change_cache(("clean", *sorted(packages)), patience=60)
+
+
+def _change_cache(arguments: Iterable[str], *, patience: int) -> bool:
     with scratch() as folder:
-        # If this fails, an install keeps its damaged files, so another uv is waited for longer than in `tidy`.
-        patient = {"UV_LOCK_TIMEOUT": "60"}
-        call = Call(
-            index=IndexSettings(), folder=folder, log=folder / "uv.log", cache=shared_cache(), variables=patient
-        )
-        return _run(call, ("cache", "clean", *sorted(packages))).ok
+        call = Call(index=IndexSettings(), folder=folder, variables={"UV_LOCK_TIMEOUT": str(patience)})
+        return _run(call, ("cache", *arguments)).ok
 
 
 def keep_log(result: Result, log: Path) -> str:

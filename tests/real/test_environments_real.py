@@ -92,7 +92,7 @@ def test_chosen_files_are_those_that_uv_takes(
     assert isinstance(ours, Environment)
     folder = tmp_path / "work"
     folder.mkdir()
-    call = uv_command.Call(index=question.index, folder=folder, log=tmp_path / "log", cache=uv_command.shared_cache())
+    call = uv_command.Call(index=question.index, folder=folder)
     assert uv_command.create(call, tmp_path / "theirs", python).ok
     whole = places / "state" / "x" / "pylock.toml"
     settings = folder / "uv.toml"

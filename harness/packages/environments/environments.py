@@ -291,13 +291,7 @@ def _make(
     if not how.offline:
         download_notice.announce([one.artifact for one in wheels], _known_hashes(path.parent))
     with uv_command.scratch() as scratch:
-        call = uv_command.Call(
-            index=question.index,
-            folder=scratch,
-            log=scratch / "uv.log",
-            cache=uv_command.shared_cache(),
-            offline=how.offline,
-        )
+        call = uv_command.Call(index=question.index, folder=scratch, offline=how.offline)
         log = open_store().evidence(f"install-{path.name}") / "uv.log"
         fill = partial(_fill, call, path, wheels, interpreter, log, link_mode)
         failed = fill()

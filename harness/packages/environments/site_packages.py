@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from importlib.metadata import Distribution
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
@@ -31,7 +31,7 @@ def versions(path: Path) -> dict[str, str]:
 def modules(path: Path) -> dict[str, tuple[str, ...]]:
     """Return the top-level modules of each package, as RECORD lists its files, sorted. Raises Unreadable."""
     with understanding():
-        return {canonicalize_name(one.name): _top_level(one) for one in packages(path)}
+        return {canonicalize_name(one.name): top_level(one.files or ()) for one in packages(path)}
 
 
 def requiring(path: Path, name: str) -> tuple[str, ...]:
@@ -129,6 +129,7 @@ def _requirement(line: str) -> Requirement | None:
         return None
 
 
-def _top_level(package: Distribution) -> tuple[str, ...]:
-    tops = {file.parts[0].partition(".")[0] for file in package.files or () if file.suffix in {".py", ".so"}}
+def top_level(files: Iterable[PurePath]) -> tuple[str, ...]:
+    """Return the top-level modules among the files of a package, sorted."""
+    tops = {file.parts[0].partition(".")[0] for file in files if file.suffix in {".py", ".so"}}
     return tuple(sorted(name for name in tops if name.isidentifier() and not name.startswith("_")))

@@ -108,10 +108,15 @@ def pyproject(text: str, source: Source, extras: Iterable[str], groups: Iterable
 def _grouped(table: Mapping[str, Any], groups: Iterable[str], source: Source) -> tuple[str, ...]:
     group_names = {canonicalize_name(name) for name in table}
     chosen = [group for group in groups if canonicalize_name(group) in group_names]
+    return resolve_groups(table, chosen, f"{source.name}: dependency-groups")
+
+
+def resolve_groups(table: Mapping[str, Any], groups: Iterable[str], where: str) -> tuple[str, ...]:
+    """Return the requirements of dependency groups. Raises BadInput, which `where` begins."""
     try:
-        return resolve_dependency_groups(table, *chosen)
+        return resolve_dependency_groups(table, *groups)
     except ExceptionGroup as error:
-        message = f"{source.name}: dependency-groups: {str(error.exceptions[0]).splitlines()[0]}"
+        message = f"{where}: {str(error.exceptions[0]).splitlines()[0]}"
         raise BadInput(message) from None
 
 

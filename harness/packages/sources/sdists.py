@@ -96,8 +96,17 @@ def _texts(plain: object, wrong: str) -> tuple[str, ...]:
 
 def requires_dist(wheel: Path) -> tuple[str, ...]:
     """Return the requirements in a wheel's own metadata as they are written there, valid or not."""
-    with zipfile.ZipFile(wheel) as file:
-        name = next(name for name in file.namelist() if name.endswith(".dist-info/METADATA"))
-        # Old tools wrote Latin-1 here, which must not end the run.
-        headers = HeaderParser().parsestr(file.read(name).decode("utf-8", "replace"))
+    with zipfile.ZipFile(wheel) as archive:
+        headers = HeaderParser().parsestr(about_wheel(archive, "METADATA"))
     return tuple(str(value) for value in headers.get_all("Requires-Dist", ()))
+
+
+def about_wheel(archive: zipfile.ZipFile, name: str) -> str:
+    """Return the text of a file in a wheel's `.dist-info` folder. Raises KeyError if there is none."""
+    suffix = f".dist-info/{name}"
+    place = next((entry for entry in archive.namelist() if entry.endswith(suffix) and entry.count("/") == 1), None)
+    if place is None:
+        message = f"it holds no {name}"
+        raise KeyError(message)
+    # Old tools wrote Latin-1 here, which must not end the run.
+    return archive.read(place).decode("utf-8", "replace")
