@@ -7,6 +7,7 @@ __all__ = [
     "locks",
     "package_under_test",
     "resolver",
+    "step_failed",
     "uv_command",
     "uv_failures",
 ]

@@ -38,6 +38,7 @@ from harness.packages import locks
 from harness.packages.environments import environments, site_packages
 from harness.packages.requirement_files import project
 from harness.packages.sources import builds, checkouts, sdists
+from harness.packages.step_failed import StepFailed, install_failed
 
 WHEEL = ".whl"
 PURE = "-none-any"
@@ -135,14 +136,12 @@ def copy_source(subject: Subject, target: Path) -> Path:
 # --- its wheel -------------------------------------------------------------------------------------------------
 
 
-def find_wheel(subject: Subject, interpreter: Interpreter, question: Question) -> SubjectWheel | Step | None:
-    """Return the wheel of a settled subject if it was built before, or a step if the subject excludes this Python."""
+def find_wheel(subject: Subject, interpreter: Interpreter, question: Question) -> SubjectWheel | None:
+    """Return the wheel of a settled subject if it was built before. Raises StepFailed if it excludes this Python."""
     if subject.source.endswith(WHEEL):
         return _read(Path(subject.source), interpreter, {})
     about = _about(subject)
-    refused = _python_refused(about.name or UNNAMED, about.python, interpreter)
-    if refused:
-        return refused
+    _check_python(about.name or UNNAMED, about.python, interpreter)
     memories = _memories(subject, interpreter, question)
     build = next((built for path in memories if (built := builds.recall_wheel(path))), None)
     return _read(build.path, interpreter, about.groups) if build else None
@@ -150,8 +149,8 @@ def find_wheel(subject: Subject, interpreter: Interpreter, question: Question) -
 
 def ensure_wheel(
     subject: Subject, interpreter: Interpreter, question: Question, *, offline: bool = False
-) -> SubjectWheel | Step:
-    """Return the wheel of a settled subject for an interpreter, built now or before, or the step that failed.
+) -> SubjectWheel:
+    """Return the wheel of a settled subject for an interpreter, built now or before. Raises StepFailed.
 
     A wheel that says to be for any Python is built once, by the first that needs it.
     """
@@ -162,8 +161,6 @@ def ensure_wheel(
             return result
         about = _about(subject)
         build = _built(subject, about.name, interpreter, question, offline=offline)
-        if isinstance(build, Step):
-            return build
         write_atomic(for_any if build.path.stem.endswith(PURE) else for_this, build.key.encode())
     return _read(build.path, interpreter, about.groups)
 
@@ -180,10 +177,8 @@ def _memories(subject: Subject, interpreter: Interpreter, question: Question) ->
     return for_any, for_this
 
 
-def _built(
-    subject: Subject, name: str, interpreter: Interpreter, question: Question, *, offline: bool
-) -> builds.Built | Step:
-    def provide(lock: Lock, build_question: Question, chain: tuple[str, ...]) -> environments.Environment | Step:
+def _built(subject: Subject, name: str, interpreter: Interpreter, question: Question, *, offline: bool) -> builds.Built:
+    def provide(lock: Lock, build_question: Question, chain: tuple[str, ...]) -> environments.Environment:
         return environments.ensure(lock, interpreter, build_question, offline=offline, chain=chain)
 
     tree = builds.Tree(
@@ -192,7 +187,7 @@ def _built(
     return builds.build_tree(tree, interpreter, question, provide, offline=offline)
 
 
-def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> SubjectWheel | Step:
+def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> SubjectWheel:
     try:
         with understanding():
             name, version, _, tags = parse_wheel_filename(path.name)
@@ -201,12 +196,11 @@ def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> Su
                 headers = HeaderParser().parsestr(sdists.about_wheel(archive, "METADATA"))
                 record = sdists.about_wheel(archive, "RECORD").splitlines()
     except Unreadable as error:
-        return _failed(Phase.INSTALL, f"{path.name} is no wheel: {error}")
+        raise install_failed(Outcome.FAILED, f"{path.name} is no wheel: {error}") from None
     if not any(tag in locks.tags(interpreter) for tag in tags):
-        return _failed(Phase.INSTALL, f"{path.name} is not for Python {interpreter.minor} on this platform")
-    refused = _python_refused(f"{name} {version}", str(headers.get("Requires-Python", "")), interpreter)
-    if refused:
-        return refused
+        reason = f"{path.name} is not for Python {interpreter.minor} on this platform"
+        raise install_failed(Outcome.FAILED, reason)
+    _check_python(f"{name} {version}", str(headers.get("Requires-Python", "")), interpreter)
     files = [Path(line.partition(",")[0]) for line in record]
     return SubjectWheel(
         path=path,
@@ -223,18 +217,15 @@ def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> Su
     )
 
 
-def _python_refused(named: str, requires_python: str, interpreter: Interpreter) -> Step | None:
+def _check_python(named: str, requires_python: str, interpreter: Interpreter) -> None:
+    """Raise StepFailed if the package excludes this Python."""
     try:
         allowed = SpecifierSet(requires_python)
     except InvalidSpecifier:
-        return None
-    if allowed.contains(interpreter.version, prereleases=True):
-        return None
-    return _failed(Phase.RESOLVE, f"{named} requires Python {requires_python}, and this is {interpreter.version}")
-
-
-def _failed(phase: Phase, decisive: str) -> Step:
-    return Step(phase=phase, outcome=Outcome.FAILED, decisive=decisive)
+        return
+    if not allowed.contains(interpreter.version, prereleases=True):
+        decisive = f"{named} requires Python {requires_python}, and this is {interpreter.version}"
+        raise StepFailed(Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=decisive))
 
 
 # --- what it asks for ------------------------------------------------------------------------------------------

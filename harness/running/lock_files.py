@@ -10,11 +10,12 @@ from pathlib import Path
 from harness.machine import store
 from harness.machine.files import given_files
 from harness.matrix import overlay_recipes
-from harness.model import Repair, Step
+from harness.model import Repair
 from harness.model.errors import CouldNotTell
 from harness.packages import locks
 from harness.packages.index_settings import NOTHING
 from harness.packages.sources import overlays
+from harness.packages.step_failed import StepFailed
 from harness.running import open_matrix
 
 WHEELS = "-wheels"
@@ -41,10 +42,11 @@ def write(path: Path, handed: MeasuredLock, *, offline: bool = False) -> str:
     patched = _patched(handed.lock)
     # Wheels before the lock: where one cannot be made, no lock is written that needs it.
     for repair in patched:
-        wheel = overlays.wheel(repair, NOTHING, offline=offline)
-        if isinstance(wheel, Step):
-            message = f"{path} was not written: {wheel.decisive}"
-            raise CouldNotTell(message)
+        try:
+            wheel = overlays.wheel(repair, NOTHING, offline=offline)
+        except StepFailed as failed:
+            message = f"{path} was not written: {failed.step.decisive}"
+            raise CouldNotTell(message) from None
         store.write_atomic(store.writable(folder) / wheel.name, wheel.read_bytes())
     command = install(path, handed.python, folder if patched else None)
     given_files.write_text(path, header(handed, command) + handed.lock)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from http.server import BaseHTTPRequestHandler
 
-from harness.model import IndexSettings, Lock, Outcome, Phase, Question, Step
+from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
+from harness.packages.environments import environments
+from harness.packages.environments.environments import Environment
+from harness.packages.step_failed import StepFailed
 
 
 def question(*requirements: str, index: IndexSettings, **more: object) -> Question:
@@ -16,6 +19,14 @@ def expect_lock(answer: Lock | Step) -> Lock:
     """Return the answer, which must be a lock."""
     assert isinstance(answer, Lock), answer
     return answer
+
+
+def install(lock: Lock, python: Interpreter, needs: Question) -> Environment | Step:
+    """Make the environment of a lock, or return the step that failed."""
+    try:
+        return environments.ensure(lock, python, needs)
+    except StepFailed as failed:
+        return failed.step
 
 
 def expect_failure(answer: object) -> tuple[Phase, Outcome, str | None]:

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import pytest
 import wheelhouse as fakes
-from asking import expect_failure, expect_lock, question
+from asking import expect_failure, expect_lock, install, question
 
 from harness.machine import process
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Step
 from harness.packages import resolver
-from harness.packages.environments import environments
 from harness.packages.environments.environments import Environment
 from harness.packages.sources import builds
 
@@ -29,9 +28,7 @@ def make(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Mak
 
     def ensure(*requirements: str, python: Interpreter = host, **more: object) -> Environment | Step:
         asked = question(*requirements, **{"index": offline_index, **more})
-        return environments.ensure(
-            expect_lock(resolver.resolve(asked, python, tmp_path / "state" / "x")), python, asked
-        )
+        return install(expect_lock(resolver.resolve(asked, python, tmp_path / "state" / "x")), python, asked)
 
     return ensure
 
@@ -102,7 +99,7 @@ def test_built_once(make: Make, host: Interpreter, offline_index: IndexSettings,
     lock = expect_lock(resolver.resolve(asked, host, tmp_path / "state" / "x"))
     pin = next(pin for pin in lock.pins if not pin.artifact.is_wheel)
 
-    def provide(*_: object) -> Step:
+    def provide(*_: object) -> Environment:
         raise AssertionError
 
     assert isinstance(builds.build(pin, host, asked, provide), builds.Built)
@@ -177,7 +174,7 @@ def test_no_sdist_without_its_file(make: Make, host: Interpreter, tmp_path: Path
     lock = resolver.resolve(asked, host, tmp_path / "state" / "x")
     assert isinstance(lock, Lock)
     next(alone.glob("*.tar.gz")).write_bytes(b"another file")
-    phase, outcome, decisive = expect_failure(environments.ensure(lock, host, asked))
+    phase, outcome, decisive = expect_failure(install(lock, host, asked))
 
     assert (phase, outcome) == (Phase.INSTALL, Outcome.INFRA)
     assert decisive is not None
@@ -194,7 +191,7 @@ def test_no_sdist_at_all(host: Interpreter, tmp_path: Path) -> None:
     path.write_bytes(b"no archive")
     pin = lock.pins[0]
     artifact = replace(pin.artifact, sha256=sha256(b"no archive").hexdigest())
-    answer = environments.ensure(replace(lock, pins=(replace(pin, artifact=artifact),)), host, asked)
+    answer = install(replace(lock, pins=(replace(pin, artifact=artifact),)), host, asked)
 
     assert expect_failure(answer) == (
         Phase.INSTALL,

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 import wheelhouse as fakes
-from asking import expect_failure, expect_lock, question, send
+from asking import expect_failure, expect_lock, install, question, send
 
 from harness.machine.files import file_locks
 from harness.model import Artifact, IndexSettings, Interpreter, Level, Lock, Outcome, Phase, Step
@@ -44,7 +44,7 @@ def ensure(host: Interpreter, offline_index: IndexSettings) -> Callable[..., Env
     """Return a function that makes the environment of a lock."""
 
     def make(lock: Lock, *, python: Interpreter = host, index: IndexSettings = offline_index) -> Environment | Step:
-        return environments.ensure(lock, python, question("anything", index=index))
+        return install(lock, python, question("anything", index=index))
 
     return make
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from asking import expect_failure, expect_lock, question
+from asking import expect_failure, expect_lock, install, question
 
 from harness.machine import debian_packages
 from harness.model import IndexSettings, Interpreter, Outcome, Phase, Step
@@ -46,7 +46,7 @@ def ensure(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> E
     def make(requirement: str, **variables: str) -> Environment | Step:
         asked = question(requirement, index=offline_index, build_variables=variables)
         lock = expect_lock(resolver.resolve(asked, host, tmp_path / "state" / "x"))
-        return environments.ensure(lock, host, asked)
+        return install(lock, host, asked)
 
     return make
 

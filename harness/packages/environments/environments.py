@@ -28,6 +28,7 @@ from harness.packages import download_notice, locks, uv_command, uv_failures
 from harness.packages.environments import first_import, site_packages
 from harness.packages.environments.environment_damage import CONFIG, PYTHON, find_damage, foundation, replacing
 from harness.packages.sources import builds, sdists
+from harness.packages.step_failed import StepFailed, install_failed
 
 STAMP = "stamp.json"
 
@@ -97,42 +98,38 @@ def ensure(
     offline: bool = False,
     thorough: bool = False,
     chain: tuple[str, ...] = (),
-) -> Environment | Step:
+) -> Environment:
     """Return the environment of a lock, made now or before; sdists of the lock are built first.
 
     With `thorough` each file of one that is made is held against its hash, not those of Python code only.
 
-    A package that cannot be built or installed is a failed install; an index, a network or a disk that fails is
-    infra. `chain` names the packages whose builds wait for this environment.
+    Raises StepFailed: a package that cannot be built or installed is a failed install; an index, a network or a disk
+    that fails is infra. `chain` names the packages whose builds wait for this environment.
     """
     started = monotonic()
     wheels = wheels_of(lock, interpreter, question, offline=offline, chain=chain)
-    if isinstance(wheels, Step):
-        return replace(wheels, seconds=monotonic() - started)
     compiled = first_import.marks({one.name for one in wheels}, question)
     key = environment_key(interpreter, wheels, compiled)
     how = _InstallOptions(offline=offline, thorough=thorough)
-    result = _ensure_environment(key, lambda path: _make(path, wheels, interpreter, question, how))
-    if isinstance(result, Step):
-        return replace(result, seconds=monotonic() - started)
-    return replace(result, seconds=monotonic() - started, findings=(*_built_here(lock), *result.findings))
+    environment = _ensure_environment(key, lambda path: _make(path, wheels, interpreter, question, how))
+    return replace(environment, seconds=monotonic() - started, findings=(*_built_here(lock), *environment.findings))
 
 
-def ensure_layer(base: Environment, wheel: Wheel, interpreter: Interpreter) -> Environment | Step:
+def ensure_layer(base: Environment, wheel: Wheel, interpreter: Interpreter) -> Environment:
     """Return a thin environment that holds one wheel and leads on to the environment below it, which is not touched.
 
     It is found before what lies below, its data and its scripts lie where an install puts them, and children that are
-    started in whatever way find both. A wheel that cannot be installed is a failed install.
+    started in whatever way find both. Raises StepFailed: a wheel that cannot be installed is a failed install.
     """
     started = monotonic()
     # The name of the folder, not the key below: the layer leads on to this very folder.
     key = digest("on top", base.path.name, wheel.mark)
     nothing, how = Question(requirements=()), _InstallOptions(offline=True, below=base.path)
-    result = _ensure_environment(key, lambda path: _make(path, (wheel,), interpreter, nothing, how))
-    return result if isinstance(result, Step) else replace(result, seconds=monotonic() - started)
+    environment = _ensure_environment(key, lambda path: _make(path, (wheel,), interpreter, nothing, how))
+    return replace(environment, seconds=monotonic() - started)
 
 
-def _ensure_environment(key: str, make: Callable[[Path], _Stamp | Step]) -> Environment | Step:
+def _ensure_environment(key: str, make: Callable[[Path], _Stamp]) -> Environment:
     """Return the environment of a key, made now if there is no usable one; it stays as long as this process.
 
     An unusable one is replaced, unless another process uses it (whose files may be links where ours must be copies):
@@ -141,7 +138,7 @@ def _ensure_environment(key: str, make: Callable[[Path], _Stamp | Step]) -> Envi
     return next(environment for path in _places(key) if (environment := _provided_at(path, make)))
 
 
-def _provided_at(path: Path, make: Callable[[Path], _Stamp | Step]) -> Environment | Step | None:
+def _provided_at(path: Path, make: Callable[[Path], _Stamp]) -> Environment | None:
     # Before the look: from here on neither `gc` nor another process takes the environment away.
     use(path)
     stamp, reused = _usable(path), True
@@ -151,10 +148,11 @@ def _provided_at(path: Path, make: Callable[[Path], _Stamp | Step]) -> Environme
             if stamp is None:
                 if not _cleared(path):
                     return None
-                result, reused = make(path), False
-                if isinstance(result, Step):
-                    return result
-                stamp = result
+                try:
+                    stamp, reused = make(path), False
+                except StepFailed:
+                    remove_folder(path)
+                    raise
     return Environment(
         path=path,
         python=path / "bin" / "python",
@@ -212,10 +210,10 @@ _left: set[Path] = set()
 
 def wheels_of(
     lock: Lock, interpreter: Interpreter, question: Question, *, offline: bool = False, chain: tuple[str, ...] = ()
-) -> tuple[Wheel, ...] | Step:
-    """Return the wheels of a lock, after building its sdists, or the step that failed."""
+) -> tuple[Wheel, ...]:
+    """Return the wheels of a lock, after building its sdists. Raises StepFailed."""
 
-    def provide(lock: Lock, question: Question, chain: tuple[str, ...]) -> Environment | Step:
+    def provide(lock: Lock, question: Question, chain: tuple[str, ...]) -> Environment:
         return ensure(lock, interpreter, question, offline=offline, chain=chain)
 
     wheels = []
@@ -224,13 +222,10 @@ def wheels_of(
             wheels.append(Wheel(name=pin.name, version=pin.version, artifact=pin.artifact, mark=pin.artifact.sha256))
             continue
         built = builds.build(pin, interpreter, question, provide, offline=offline, chain=chain)
-        if isinstance(built, Step):
-            return built
         # A build may require something else than the metadata that uv resolved by.
         unmet = locks.unmet(sdists.requires_dist(built.path), lock, interpreter, question.overrides)
         if unmet:
-            decisive = f"{pin.name} {pin.version}, once built, {unmet}"
-            return Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive=decisive)
+            raise install_failed(Outcome.FAILED, f"{pin.name} {pin.version}, once built, {unmet}")
         artifact = Artifact(filename=built.path.name, sha256=built.sha256, source=str(built.path))
         wheels.append(Wheel(name=pin.name, version=pin.version, artifact=artifact, mark=f"build:{built.key}"))
     return tuple(wheels)
@@ -283,10 +278,9 @@ class _InstallOptions:
 
 def _make(
     path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, question: Question, how: _InstallOptions
-) -> _Stamp | Step:
+) -> _Stamp:
     """Make an environment in its final folder, since scripts name their interpreter by path; return its stamp."""
     names = {one.name for one in wheels}
-    odd: Mapping[str, str] = {}
     link_mode = "copy" if first_import.recipes(names) else mode()  # what compiles there may not write through links
     if not how.offline:
         download_notice.announce([one.artifact for one in wheels], _known_hashes(path.parent))
@@ -294,22 +288,23 @@ def _make(
         call = uv_command.Call(index=question.index, folder=scratch, offline=how.offline)
         log = open_store().evidence(f"install-{path.name}") / "uv.log"
         fill = partial(_fill, call, path, wheels, interpreter, log, link_mode)
-        failed = fill()
-        if failed and failed.outcome is Outcome.FAILED and (named := _named(failed, wheels)) and not how.offline:
-            remove_folder(path)  # uv may have kept a wheel that a disk has spoiled since
-            failed = fill() if uv_command.forget(named) else failed
-        if not failed and (odd := find_damage(path, thorough=how.thorough)) and uv_command.forget({*odd.values()}):
+        try:
+            fill()
+        except StepFailed as failed:
+            named = set() if how.offline else _named(failed.step, wheels)
+            # uv may have kept a wheel that a disk has spoiled since.
+            if failed.step.outcome is not Outcome.FAILED or not named or not uv_command.forget(named):
+                raise
             remove_folder(path)
-            failed = fill()  # from fresh downloads: what is odd in them is so in the wheels
+            fill()
+        odd = find_damage(path, thorough=how.thorough)
+        if odd and uv_command.forget({*odd.values()}):
+            remove_folder(path)
+            fill()  # from fresh downloads: what is odd in them is so in the wheels
             odd = find_damage(path, thorough=True)
     versions = _versions(path)
-    if isinstance(versions, Step):
-        return failed or versions
-    failed = failed or _difference(versions, {one.name: site_packages.plain(one.version) for one in wheels})
-    warmed = failed or first_import.warm(path, names, question)
-    if isinstance(warmed, Step):
-        remove_folder(path)
-        return warmed
+    _compare(versions, {one.name: site_packages.plain(one.version) for one in wheels})
+    warmed = first_import.warm(path, names, question)
     if how.below:
         _lead_on(path, how.below)
     stamp = _Stamp(
@@ -325,13 +320,13 @@ def _make(
     return stamp
 
 
-def _versions(path: Path) -> dict[str, str] | Step:
-    """Return what is installed in an environment by its metadata, or the step that failed as it cannot be read."""
+def _versions(path: Path) -> dict[str, str]:
+    """Return what is installed in an environment by its metadata. Raises StepFailed if that cannot be read."""
     try:
         return site_packages.versions(path)
     except Unreadable as error:
         decisive = f"after the install the metadata of a package cannot be read: {error}"
-        return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive)
+        raise install_failed(Outcome.INFRA, decisive) from None
 
 
 def _lead_on(path: Path, below: Path) -> None:
@@ -348,34 +343,31 @@ def _named(failed: Step, wheels: Iterable[Wheel]) -> set[str]:
 
 def _fill(
     call: uv_command.Call, path: Path, wheels: tuple[Wheel, ...], interpreter: Interpreter, log: Path, how: str
-) -> Step | None:
+) -> None:
     result = uv_command.create(call, path, interpreter)
     if not result.ok:
         line = result.trouble or uv_failures.failure(result.text, Phase.INSTALL).decisive
         log_path = uv_command.keep_log(result, log)
         decisive = f"no environment could be made for Python {interpreter.version}: {line}"
-        return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive, log=log_path)
+        raise install_failed(Outcome.INFRA, decisive, log_path)
     if not wheels:
-        return None
+        return
     before = foundation(path)
     pylock = call.folder / "pylock.toml"
     pylock.write_text(locks.format_pylock((one.name, one.version, one.artifact) for one in wheels), encoding="utf-8")
     settings = call.folder / "uv.toml"
     settings.write_text(locks.format_uv_settings(one.artifact for one in wheels), encoding="utf-8")
     result = uv_command.install(call, path / "bin" / "python", pylock, settings, how)
-    if result.ok:
-        return None if before == foundation(path) else _replaced(path)
-    log_path = uv_command.keep_log(result, log)
-    if result.trouble:
-        return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=result.trouble, log=log_path)
-    return replace(uv_failures.failure(result.text, Phase.INSTALL), log=log_path)
-
-
-def _replaced(path: Path) -> Step:
-    """Refuse an environment whose Python a wheel took away: it would be another, or find what the lock has not."""
-    package = replacing(path) or "one of its wheels"  # RECORD need not name the file
-    decisive = f"{package} replaces {CONFIG} or {PYTHON}, by which the environment is kept apart from others"
-    return Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive=decisive)
+    if not result.ok:
+        log_path = uv_command.keep_log(result, log)
+        if result.trouble:
+            raise install_failed(Outcome.INFRA, result.trouble, log_path)
+        raise StepFailed(replace(uv_failures.failure(result.text, Phase.INSTALL), log=log_path))
+    # Where a wheel took away its Python, it would be another environment, or find what the lock has not.
+    if before != foundation(path):
+        package = replacing(path) or "one of its wheels"  # RECORD need not name the file
+        decisive = f"{package} replaces {CONFIG} or {PYTHON}, by which the environment is kept apart from others"
+        raise install_failed(Outcome.FAILED, decisive)
 
 
 def _odd(files: Mapping[str, str]) -> Iterator[Finding]:
@@ -385,17 +377,16 @@ def _odd(files: Mapping[str, str]) -> Iterator[Finding]:
         yield Finding(check="install.record", level=Level.NOTE, text=text)
 
 
-def _difference(versions: Mapping[str, str], wanted: Mapping[str, str]) -> Step | None:
-    """Say how an environment differs from its lock: what is missing is ours or uv's fault, the rest a wheel's."""
+def _compare(versions: Mapping[str, str], wanted: Mapping[str, str]) -> None:
+    """Raise StepFailed if an environment differs from its lock: what is missing is our fault, the rest a wheel's."""
     missing = [f"{name} {version}" for name, version in wanted.items() if name not in versions]
     other = [f"{name} {versions[name]}" for name in versions if versions[name] != wanted.get(name)]
     if missing:
         decisive = f"after the install these packages of the lock are not there: {', '.join(missing)}"
-        return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=decisive)
+        raise install_failed(Outcome.INFRA, decisive)
     if other:
         decisive = f"after the install these packages are not those of the lock: {', '.join(other)}"
-        return Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive=decisive)
-    return None
+        raise install_failed(Outcome.FAILED, decisive)
 
 
 def _known_hashes(folder: Path) -> frozenset[str]:

@@ -20,6 +20,7 @@ from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.model.schema import load_toml
 from harness.model.vocabulary import ModuleName, PackageName, SystemPackage
 from harness.packages import uv_command
+from harness.packages.step_failed import StepFailed
 from harness.standalone.failures.lines import decisive_line, describe_death, normalise, shorten_line
 
 FILE = Path(__file__).with_suffix(".toml")
@@ -56,19 +57,20 @@ def marks(names: Collection[str], question: Question) -> tuple[str, ...]:
     return (digest("warmed", modules, question.build_variables),) if matches else ()
 
 
-def warm(path: Path, names: Collection[str], question: Question) -> Step | tuple[Finding, ...]:
-    """Import what compiles, in an environment whose files are its own; a compiler that fails is a failed install."""
+def warm(path: Path, names: Collection[str], question: Question) -> tuple[Finding, ...]:
+    """Import what compiles, in an environment whose files are its own.
+
+    Raises StepFailed: a compiler that fails is a failed install.
+    """
     findings = []
     for recipe in recipes(names):
-        failed = _imported(path, recipe, question)
-        if failed:
-            return failed
+        _import(path, recipe, question)
         text = f"{recipe.name} was compiled by its first import: {recipe.reason}"
         findings.append(Finding(check="install.compiled", level=Level.NOTE, text=text))
     return tuple(findings)
 
 
-def _imported(path: Path, recipe: Recipe, question: Question) -> Step | None:
+def _import(path: Path, recipe: Recipe, question: Question) -> None:
     base = this_machine.base_environment()
     with uv_command.scratch() as work:
         home = work / "home"
@@ -102,16 +104,18 @@ def _imported(path: Path, recipe: Recipe, question: Question) -> Step | None:
         }
         text = normalise(log_text(completed.log), places)
     if completed.exit_code == 0:
-        return None
+        return
     log = open_store().evidence(f"install-{path.name}") / f"{recipe.name}.log"
     write_atomic(log, text.encode())
     outcome, decisive = _judge_failure(completed, text)
-    return Step(
-        phase=Phase.INSTALL,
-        outcome=outcome,
-        decisive=shorten_line(f"{recipe.name}, compiled by its first import: {decisive}"),
-        log=open_store().relative(log),
-        findings=tuple(_missing(recipe.system)),
+    raise StepFailed(
+        Step(
+            phase=Phase.INSTALL,
+            outcome=outcome,
+            decisive=shorten_line(f"{recipe.name}, compiled by its first import: {decisive}"),
+            log=open_store().relative(log),
+            findings=tuple(_missing(recipe.system)),
+        )
     )
 
 

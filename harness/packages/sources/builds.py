@@ -30,6 +30,7 @@ from harness.model.hostile_data import Unreadable, understanding
 from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.packages import index, locks, resolver, uv_command
 from harness.packages.sources import sdists
+from harness.packages.step_failed import StepFailed, install_failed
 from harness.standalone.failures.lines import decisive_line, describe_death, normalise, shorten_line
 
 LIMITS = process.Limits(seconds=1800.0)
@@ -57,8 +58,11 @@ class Place(Protocol):
         """Return the key that names everything the environment depends on."""
 
 
-Provide = Callable[[Lock, Question, tuple[str, ...]], Place | Step]
-"""Makes an environment of a lock; the names are of the packages whose builds asked for it, outermost first."""
+Provide = Callable[[Lock, Question, tuple[str, ...]], Place]
+"""Makes an environment of a lock, or raises StepFailed.
+
+The names are of the packages whose builds asked for it, outermost first.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -102,9 +106,9 @@ class _Job:
     def request(self) -> str:
         return _request(self.pin, self.interpreter, self.question)
 
-    def stopped(self, outcome: Outcome, decisive: str, log: str | None = None) -> _Stopped:
-        """Return an exception that ends the job with this outcome, past all the functions between."""
-        return _Stopped(Step(phase=Phase.INSTALL, outcome=outcome, decisive=shorten_line(decisive), log=log))
+    def failed(self, outcome: Outcome, decisive: str, log: str | None = None) -> StepFailed:
+        """Return the error that ends the job with this outcome."""
+        return install_failed(outcome, shorten_line(decisive), log)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -115,12 +119,6 @@ class _Bench:
     work: Path
     source: Path
     system: sdists.BuildSystem
-
-
-class _Stopped(Exception):
-    def __init__(self, step: Step) -> None:
-        super().__init__(step.decisive)
-        self.step = step
 
 
 class _HookFailed(Exception):
@@ -137,23 +135,24 @@ def build(
     *,
     offline: bool = False,
     chain: tuple[str, ...] = (),
-) -> Built | Step:
+) -> Built:
     """Return the wheel of an sdist for this interpreter, made now or before; `provide` makes the build environments.
 
-    A build that fails is a failed install with the backend's own last word; a network that does is infra.
+    Raises StepFailed: a build that fails is a failed install with the backend's own last word; a network that does is
+    infra.
     """
     job = _Job(
         pin=pin, interpreter=interpreter, question=question, provide=provide, offline=offline, chain=(*chain, pin.name)
     )
     if pin.name in chain:
         circle = " -> ".join(job.chain)
-        return job.stopped(Outcome.FAILED, f"build requirements go in a circle: {circle}").step
+        raise job.failed(Outcome.FAILED, f"build requirements go in a circle: {circle}")
     return _build_once(job)
 
 
 def build_tree(
     tree: Tree, interpreter: Interpreter, question: Question, provide: Provide, *, offline: bool = False
-) -> Built | Step:
+) -> Built:
     """Return the wheel of a source tree, as `build` does of an sdist; its version is unknown before the build."""
     pin = Pin(name=tree.name, version="", artifact=Artifact(filename="", sha256=tree.mark, source=""), hashes=())
     job = _Job(
@@ -168,15 +167,12 @@ def build_tree(
     return _build_once(job)
 
 
-def _build_once(job: _Job) -> Built | Step:
+def _build_once(job: _Job) -> Built:
     memory = _memory(job.request)
     with exclusive(memory.with_suffix(".lock")):
         built = recall_wheel(memory)
         if built is None:
-            try:
-                built = _build_job(job)
-            except _Stopped as stopped:
-                return stopped.step
+            built = _build_job(job)
             write_atomic(memory, built.key.encode())
         return built
 
@@ -248,9 +244,9 @@ def _build_job(job: _Job) -> Built:
             source = job.unpack(work / "source") if job.unpack else _unpacked(job, work)
             system = sdists.build_system(source)
         except CouldNotTell as error:
-            raise job.stopped(Outcome.INFRA, str(error)) from None
+            raise job.failed(Outcome.INFRA, str(error)) from None
         except sdists.BadSdist as error:
-            raise job.stopped(Outcome.FAILED, f"{job.title}: {error}") from None
+            raise job.failed(Outcome.FAILED, f"{job.title}: {error}") from None
         return _built(_Bench(job=job, work=work, source=source, system=system))
 
 
@@ -276,7 +272,7 @@ def _built(bench: _Bench) -> Built:
             output.rename(cache_folder() / "wheels" / key)
         built = load_wheel(key)
     if built is None:
-        raise job.stopped(Outcome.INFRA, f"{job.title}: its wheel could not be put into the cache folder")
+        raise job.failed(Outcome.INFRA, f"{job.title}: its wheel could not be put into the cache folder")
     return built
 
 
@@ -299,12 +295,14 @@ def _place(job: _Job, requires: Sequence[str]) -> Place:
         lock = resolver.resolve(question, job.interpreter, folder, offline=job.offline)
     except BadInput as error:
         # The package wrote these lines, not the user.
-        raise job.stopped(Outcome.FAILED, f"{job.title}: its build requirements cannot be read: {error}") from None
-    place = job.provide(lock, question, job.chain) if isinstance(lock, Lock) else lock
-    if isinstance(place, Step):
-        decisive = f"{job.title}: its build requirements: {place.decisive}"
-        raise _Stopped(replace(place, phase=Phase.INSTALL, decisive=shorten_line(decisive)))
-    return place
+        raise job.failed(Outcome.FAILED, f"{job.title}: its build requirements cannot be read: {error}") from None
+    try:
+        if isinstance(lock, Step):
+            raise StepFailed(lock)
+        return job.provide(lock, question, job.chain)
+    except StepFailed as failed:
+        decisive = f"{job.title}: its build requirements: {failed.step.decisive}"
+        raise StepFailed(replace(failed.step, phase=Phase.INSTALL, decisive=shorten_line(decisive))) from None
 
 
 def _call(bench: _Bench, place: Place, hook: str, *arguments: str) -> Any:
@@ -333,7 +331,7 @@ def _call(bench: _Bench, place: Place, hook: str, *arguments: str) -> Any:
         raise _failure(job, failed.completed, hook) from None
     except (BackendUnavailable, HookMissing, UnsupportedOperation, ValueError) as error:
         reason = decisive_line(getattr(error, "traceback", "")) or str(error)
-        raise job.stopped(Outcome.FAILED, f"{job.title}: its build backend cannot be used: {reason}") from None
+        raise job.failed(Outcome.FAILED, f"{job.title}: its build backend cannot be used: {reason}") from None
 
 
 def _run(bench: _Bench, place: Place, log: Path, argv: tuple[str, ...], more: Mapping[str, str]) -> None:
@@ -366,19 +364,19 @@ def _run(bench: _Bench, place: Place, log: Path, argv: tuple[str, ...], more: Ma
         raise _HookFailed(completed)
 
 
-def _failure(job: _Job, completed: process.Completed, hook: str) -> _Stopped:
+def _failure(job: _Job, completed: process.Completed, hook: str) -> StepFailed:
     text = guarded_files.log_text(completed.log)
     log = open_store().relative(completed.log)
     if completed.timed_out:
-        return job.stopped(Outcome.TIMED_OUT, f"{job.title}: {hook} did not end within {LIMITS.seconds:g} s", log)
+        return job.failed(Outcome.TIMED_OUT, f"{job.title}: {hook} did not end within {LIMITS.seconds:g} s", log)
     if completed.killed or completed.out_of_memory or completed.shot:
         why = completed.killed or (SHOT if completed.shot else f"more than {LIMITS.memory_mb} MB of memory")
-        return job.stopped(Outcome.INFRA, f"{job.title}: {hook} was ended: {why}", log)
+        return job.failed(Outcome.INFRA, f"{job.title}: {hook} was ended: {why}", log)
     died = completed.signal and f"{hook}: {describe_death(None, completed.signal, text)}"
     decisive = died or decisive_line(text) or f"{hook} ended with exit code {completed.exit_code}"
     starved = completed.starved and COMPILER_KILLED in text
     trouble = starved or machine_trouble(text, decisive, completed.least_room_mb)
-    return job.stopped(Outcome.INFRA if trouble else Outcome.FAILED, decisive, log)
+    return job.failed(Outcome.INFRA if trouble else Outcome.FAILED, decisive, log)
 
 
 def _fitting(job: _Job, folder: Path) -> None:
@@ -388,9 +386,9 @@ def _fitting(job: _Job, folder: Path) -> None:
     try:
         name, version, _, tags = parse_wheel_filename(files[0] if len(files) == 1 else "")
     except InvalidWheelFilename:
-        raise job.stopped(Outcome.FAILED, f"{named}, which is not one wheel") from None
+        raise job.failed(Outcome.FAILED, f"{named}, which is not one wheel") from None
     foreign = job.pin.version and (name != canonicalize_name(job.pin.name) or version != Version(job.pin.version))
     if foreign:
-        raise job.stopped(Outcome.FAILED, f"{named}, which is another package or version")
+        raise job.failed(Outcome.FAILED, f"{named}, which is another package or version")
     if not any(tag in locks.tags(job.interpreter) for tag in tags):
-        raise job.stopped(Outcome.FAILED, f"{named}, which is not for Python {job.interpreter.minor} on this platform")
+        raise job.failed(Outcome.FAILED, f"{named}, which is not for Python {job.interpreter.minor} on this platform")

@@ -21,14 +21,16 @@ from harness.model.errors import CouldNotTell
 from harness.packages import index, locks, resolver, uv_command
 from harness.packages.environments import environments
 from harness.packages.sources import builds, wheel_patch
+from harness.packages.step_failed import StepFailed
 
 
 def resolve(question: Question, interpreter: Interpreter, folder: Path, *, offline: bool = False) -> Lock | Step:
     """Resolve as `resolver.resolve` does, with the repaired releases of the question to choose from."""
-    led = _add_find_links(question, offline=offline)
-    return (
-        led if isinstance(led, Step) else _dated(resolver.resolve(led, interpreter, folder, offline=offline), question)
-    )
+    try:
+        led = _add_find_links(question, offline=offline)
+    except StepFailed as failed:
+        return failed.step
+    return _dated(resolver.resolve(led, interpreter, folder, offline=offline), question)
 
 
 def restore(
@@ -36,102 +38,96 @@ def restore(
 ) -> Lock | Step:
     """Restore as `resolver.restore` does, after making the repaired wheels that the lock holds."""
     hashes = [mark for _, marks in locks.read_pins(requirements).values() for mark in marks]
-    led = _add_find_links(
-        replace(question, overlay=overlay_recipes.select_by_hash(question.overlay, hashes)), offline=offline
-    )
-    if isinstance(led, Step):
-        return led
+    overlay = overlay_recipes.select_by_hash(question.overlay, hashes)
+    try:
+        led = _add_find_links(replace(question, overlay=overlay), offline=offline)
+    except StepFailed as failed:
+        return failed.step
     return _dated(resolver.restore(requirements, led, interpreter, folder, offline=offline), question)
 
 
-def provide_wheels(lock: Lock, question: Question, *, offline: bool = False) -> Lock | Step:
-    """Return the lock with its repaired wheels in their places, made anew if they are gone."""
+def provide_wheels(lock: Lock, question: Question, *, offline: bool = False) -> Lock:
+    """Return the lock with its repaired wheels in their places, made anew if they are gone. Raises StepFailed."""
     replacements = {}
     pins = {pin.artifact.sha256: pin for pin in lock.pins if not Path(pin.artifact.source).is_file()}
     for repair in overlay_recipes.select_by_hash(question.overlay, pins):
         try:
             path = wheel(repair, question.index, offline=offline)
-        except index.UnknownPackage as error:
-            path = _failed(repair, str(error))
-        if isinstance(path, Step):
-            return replace(path, phase=Phase.INSTALL)
+        except (index.UnknownPackage, StepFailed) as error:
+            failed = error if isinstance(error, StepFailed) else _failed(repair, str(error))
+            raise StepFailed(replace(failed.step, phase=Phase.INSTALL)) from None
         pin = pins[repair.wheel]
         replacements[pin.name] = replace(pin, artifact=replace(pin.artifact, source=str(path)))
     return replace(lock, pins=tuple(replacements.get(pin.name, pin) for pin in lock.pins)) if replacements else lock
 
 
-def wheel(repair: Repair, settings: IndexSettings, *, offline: bool = False) -> Path | Step:
-    """Return the repaired wheel, made now or before; a failure to make it is never blamed on a package.
+def wheel(repair: Repair, settings: IndexSettings, *, offline: bool = False) -> Path:
+    """Return the repaired wheel, made now or before.
 
-    Raises index.UnknownPackage if no place has a package of its name.
+    Raises StepFailed, which is never blamed on a package; index.UnknownPackage if no place has one of its name.
     """
     folder = _folder(repair)
     with exclusive(folder.with_name("requests") / f"{folder.name}.lock"):
         build = builds.load_wheel(folder.name)
         if build and build.sha256 == repair.wheel:
             return build.path
-        result = _repair_wheel(repair, settings, offline=offline)
-        if isinstance(result, Step):
-            return result
-        name, content = result
+        name, content = _repair_wheel(repair, settings, offline=offline)
         write_atomic(folder / name, content)
         return folder / name
 
 
-def _repair_wheel(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes] | Step:
+def _repair_wheel(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes]:
     """Return the file name and the content of the repaired wheel."""
     take = _fetched if repair.python is None else _built
-    original = take(repair, settings, offline=offline)
-    if isinstance(original, Step):
-        return original
-    name, wheel, note = original
+    name, wheel, note = take(repair, settings, offline=offline)
     try:
         content = wheel_patch.repair_wheel(wheel, repair)
     except wheel_patch.Unrepairable as error:
-        return _failed(repair, str(error))
+        raise _failed(repair, str(error)) from None
     sha256 = wheel_patch.sha256(content)
     if sha256 != repair.wheel:
-        return _failed(repair, f"the SHA-256 is {sha256}{note}, and the recipe says {repair.wheel}")
+        raise _failed(repair, f"the SHA-256 is {sha256}{note}, and the recipe says {repair.wheel}")
     return name, content
 
 
-def _fetched(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes, str] | Step:
+def _fetched(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes, str]:
     """Return the file name and the content of the index's own wheel."""
     try:
         artifact = index.find(repair.name, repair.origin, settings, offline=offline)
         with uv_command.scratch() as folder:
             content = index.fetch(artifact, folder, settings, offline=offline).read_bytes()
     except CouldNotTell as error:
-        return _failed(repair, str(error))
+        raise _failed(repair, str(error)) from None
     return artifact.filename, content, ""
 
 
-def _built(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes, str] | Step:
+def _built(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[str, bytes, str]:
     """Return the file name and the content of the wheel built from the index's sdist, and which Python built it."""
     builder = _builder(repair)
     if builder is None:
         reason = f"its repaired wheel is built by a Python {repair.python}, and there is none here"
-        return _failed(repair, reason, Outcome.UNAVAILABLE)
+        raise _failed(repair, reason, Outcome.UNAVAILABLE)
     # Without a cutoff: the recipe pins everything that the sdist is built with.
     question = Question(requirements=(), build_constraints=repair.build, index=settings)
     try:
         artifact = index.find(repair.name, repair.origin, settings, offline=offline)
     except CouldNotTell as error:
-        return _failed(repair, str(error))
+        raise _failed(repair, str(error)) from None
     pin = Pin(name=repair.name, version=repair.version, artifact=artifact, hashes=(repair.origin,))
 
-    def provide(lock: Lock, question: Question, chain: tuple[str, ...]) -> environments.Environment | Step:
+    def provide(lock: Lock, question: Question, chain: tuple[str, ...]) -> environments.Environment:
         return environments.ensure(lock, builder, question, offline=offline, chain=chain)
 
-    built = builds.build(pin, builder, question, provide, offline=offline)
-    if isinstance(built, Step):
-        return replace(_failed(repair, built.decisive or "its build failed"), log=built.log)
+    try:
+        built = builds.build(pin, builder, question, provide, offline=offline)
+    except StepFailed as failed:
+        raise _failed(repair, failed.step.decisive or "its build failed", log=failed.step.log) from None
     return built.path.name, built.path.read_bytes(), f" (built by Python {builder.version})"
 
 
-def _failed(repair: Repair, reason: str, outcome: Outcome = Outcome.INFRA) -> Step:
+def _failed(repair: Repair, reason: str, outcome: Outcome = Outcome.INFRA, log: str | None = None) -> StepFailed:
     decisive = f"{repair.name} {repair.version} could not be repaired: {reason}"
-    return Step(phase=Phase.RESOLVE, outcome=outcome, decisive=decisive)
+    return StepFailed(Step(phase=Phase.RESOLVE, outcome=outcome, decisive=decisive, log=log))
 
 
 def _builder(repair: Repair) -> Interpreter | None:
@@ -145,16 +141,14 @@ def _builder(repair: Repair) -> Interpreter | None:
     return max(candidates, key=lambda interpreter: Version(interpreter.version), default=None)
 
 
-def _add_find_links(question: Question, *, offline: bool) -> Question | Step:
-    """Return the question with the folders of its repaired wheels among its find-links."""
+def _add_find_links(question: Question, *, offline: bool) -> Question:
+    """Return the question with the folders of its repaired wheels among its find-links. Raises StepFailed."""
     links = []
     for repair in overlay_recipes.fitting(question.overlay, question):
         try:
             path = wheel(repair, question.index, offline=offline)
         except index.UnknownPackage:
             continue  # a resolution cannot come to it: `try --overlay` offers all that there are
-        if isinstance(path, Step):
-            return path
         links.append(str(path.parent))
     settings = replace(question.index, find_links=(*links, *question.index.find_links))
     return replace(question, index=settings, overlay=()) if links else question

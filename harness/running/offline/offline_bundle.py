@@ -27,6 +27,7 @@ from harness.model import Cell, IndexSettings, Interpreter, Lock, Outcome, Phase
 from harness.model.errors import BadInput
 from harness.packages import locks
 from harness.packages.sources import builds
+from harness.packages.step_failed import install_failed
 from harness.running import controls
 
 MANIFEST = "manifest.json"
@@ -228,8 +229,8 @@ class Fetched:
             write_atomic(file, lock.requirements.encode())
         return lock, Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, reused=True)
 
-    def supply(self, cell: Cell, lock: Lock, interpreter: Interpreter) -> Step | None:
-        """Compare the wheels of a cell with their hashes and hand over built wheels; return a step if that fails."""
+    def supply(self, cell: Cell, lock: Lock, interpreter: Interpreter) -> None:
+        """Compare the wheels of a cell with their hashes and hand over built wheels. Raises StepFailed."""
         try:
             entry = self._entry(cell)
             built = self._answer(entry.answer or "" if entry else "").built
@@ -244,8 +245,7 @@ class Fetched:
                     message = f"{wheel.name} does not fit this machine (its C library is older?); fetch on its like"
                     raise Changed(message)
         except Changed as error:
-            return Step(phase=Phase.INSTALL, outcome=Outcome.INFRA, decisive=str(error))
-        return None
+            raise install_failed(Outcome.INFRA, str(error)) from None
 
     def sound(self, name: str) -> Path:
         """Return the path of a file that is as it was fetched; each process hashes it once. Raises Changed."""

@@ -25,6 +25,7 @@ from harness.model.report_types import format_count
 from harness.packages import download_notice, index
 from harness.packages.environments import environments
 from harness.packages.sources import overlays
+from harness.packages.step_failed import StepFailed
 from harness.running import controls
 from harness.running.offline import offline_bundle
 from harness.running.offline.offline_bundle import (
@@ -138,15 +139,13 @@ class Collector:
         lock = self.store.load_lock(question_key(record.cell.question, interpreter))
         if record.lock is None or not isinstance(lock, Lock):
             return replace(resolution, step=record.install or record.resolve)  # metadata may be what a build makes
-        supplied = overlays.provide_wheels(lock, record.cell.question)
-        if isinstance(supplied, Step):
-            return replace(resolution, step=supplied)
-        lock = supplied
-        if not all(pin.artifact.is_wheel for pin in lock.pins):
-            self.say(f"{record.cell.id}: building what has no wheel")
-        wheels = environments.wheels_of(lock, interpreter, record.cell.question)
-        if isinstance(wheels, Step):
-            return replace(resolution, step=wheels)
+        try:
+            lock = overlays.provide_wheels(lock, record.cell.question)
+            if not all(pin.artifact.is_wheel for pin in lock.pins):
+                self.say(f"{record.cell.id}: building what has no wheel")
+            wheels = environments.wheels_of(lock, interpreter, record.cell.question)
+        except StepFailed as failed:
+            return replace(resolution, step=failed.step)
         built = {one.name: self._built(one) for one in wheels if one.mark.startswith(_BUILT)}
         return replace(resolution, lock=lock, built=built)
 

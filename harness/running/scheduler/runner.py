@@ -26,6 +26,7 @@ from harness.model import (
 )
 from harness.model.errors import BadInput, CouldNotTell
 from harness.packages import uv_failures
+from harness.packages.step_failed import StepFailed
 from harness.probes import launch
 from harness.probes.evidence import Host
 from harness.probes.measure import Laboratory
@@ -35,7 +36,7 @@ from harness.running.scheduler import cell_faults, other_drawing
 from harness.running.scheduler.lock_freshness import is_still_valid
 from harness.running.scheduler.records import finished, not_reached, stopped, with_modules
 from harness.running.scheduler.settings import Workshop
-from harness.running.scheduler.shared_environment import NoEnvironment, Pool, code_folder, conditioned, outdated
+from harness.running.scheduler.shared_environment import Pool, code_folder, conditioned, outdated
 from harness.running.scheduler.steps import Steps, carry_out, peek, pending
 from harness.running.scheduler.user_supplied import BroughtSoftware, missing
 
@@ -139,8 +140,8 @@ class Runner(Workshop):
                 if ready.around:
                     record = other_drawing.retry_drawing(record, ready.cases, ready.around)
                 record = replace(record, suite=ready.suite.measure(record.cases) if ready.suite else None)
-            except NoEnvironment as failure:
-                record = stopped(record, failure.step)
+            except StepFailed as failed:
+                record = stopped(record, failed.step)
             except Exception as error:
                 record = stopped(record, cell_faults.fault(self, record.cell, Phase.INSTALL, error))
         # Probes that our own stop ended look like failures: no record is made of them.
@@ -152,7 +153,7 @@ class Runner(Workshop):
     def _case(self, cell: Cell, context: case_run.Context, case: Case) -> CaseRecord:
         try:
             return case_run.run_case(context, case)
-        except NoEnvironment:
+        except StepFailed:
             raise
         except Exception as error:
             return case_run.inconclusive_record(case, cell_faults.fault(self, cell, Phase.IMPORT, error))
@@ -300,8 +301,8 @@ class Runner(Workshop):
                 site = yield from pending(lambda: self._site(record, *self._place(pool, tested)))
                 return Prepared(record=record, site=site)
             return (yield from self._known_cases(record, pool, install, tested))
-        except NoEnvironment as failure:
-            return Prepared(record=stopped(record, failure.step))
+        except StepFailed as failed:
+            return Prepared(record=stopped(record, failed.step))
 
     def _extended(self, install: InstallResult, tested: SubjectWheel) -> InstallResult:
         from harness.running.scheduler import subject_in_cell  # noqa: PLC0415 - start-up

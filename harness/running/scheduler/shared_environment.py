@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING
 
 from harness.machine import this_machine
@@ -13,18 +14,11 @@ from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import FAMILY
 from harness.packages.environments import first_import
+from harness.packages.step_failed import StepFailed
 from harness.running.scheduler.settings import Workshop
 
 if TYPE_CHECKING:
     from harness.packages.environments.environments import Environment
-
-
-class NoEnvironment(Exception):
-    """The environment of a lock cannot be made now."""
-
-    def __init__(self, step: Step) -> None:
-        super().__init__(step.decisive)
-        self.step = step
 
 
 class Pool:
@@ -70,16 +64,13 @@ class Pool:
     def _new(self) -> InstallResult:
         try:
             environment = self.environment()
-        except NoEnvironment as failure:
-            return InstallResult(failed=conditioned(failure.step))
-        try:
-            return self._describe_environment(environment)
-        except Unreadable:  # it was damaged: once more, from its wheels
-            self._discard(environment)
-        try:
+            try:
+                return self._describe_environment(environment)
+            except Unreadable:  # it was damaged: once more, from its wheels
+                self._discard(environment)
             return self._describe_environment(self.environment())
-        except NoEnvironment as failure:
-            return InstallResult(failed=conditioned(failure.step))
+        except StepFailed as failed:
+            return InstallResult(failed=conditioned(failed.step))
 
     def _discard(self, environment: Environment) -> None:
         from harness.packages.environments import environments  # noqa: PLC0415 - start-up
@@ -101,7 +92,7 @@ class Pool:
         )
 
     def environment(self) -> Environment:
-        """Return the environment itself, from the pool or made now. Raises NoEnvironment."""
+        """Return the environment itself, from the pool or made now. Raises StepFailed."""
         from harness.packages.environments import bytecode  # noqa: PLC0415 - start-up
 
         with self.shop.once.turn(("environment", self.key)):
@@ -114,41 +105,35 @@ class Pool:
                 self.shop.environments[self.key] = ensured
         return self.shop.environments[self.key]
 
-    def _ensured(self) -> Environment | Step:
+    def _ensured(self) -> Environment:
         from harness.packages.environments import environments  # noqa: PLC0415 - start-up
         from harness.packages.sources import overlays  # noqa: PLC0415 - start-up
 
         settings = self.shop.settings
         if settings.fetched:
-            failed = settings.fetched.supply(self.cell, self.lock, self.interpreter)
-            if failed:
-                return failed
+            settings.fetched.supply(self.cell, self.lock, self.interpreter)
         lock = overlays.provide_wheels(self.lock, self.cell.question, offline=settings.offline)
-        if isinstance(lock, Step):
-            return lock
         thorough = settings.verify or self.key in self.shop.doubted
         return environments.ensure(
             lock, self.interpreter, self.cell.question, offline=settings.offline, thorough=thorough
         )
 
 
-def checked(make: Callable[[], Environment | Step], shop: Workshop) -> Environment:
+def checked(make: Callable[[], Environment], shop: Workshop) -> Environment:
     """Make an environment; with `verify` also check every file of it, and make it anew if need be.
 
-    Raises NoEnvironment.
+    Raises StepFailed.
     """
     from harness.packages.environments import environments  # noqa: PLC0415 - start-up
 
-    environment = make()
-    if (
-        shop.settings.verify
-        and not isinstance(environment, Step)
-        and not environments.is_intact(environment, thorough=True)
-    ):
-        environments.discard(environment)
+    started = monotonic()
+    try:
         environment = make()
-    if isinstance(environment, Step):
-        raise NoEnvironment(environment)
+        if shop.settings.verify and not environments.is_intact(environment, thorough=True):
+            environments.discard(environment)
+            environment = make()
+    except StepFailed as failed:
+        raise StepFailed(replace(failed.step, seconds=monotonic() - started)) from None
     return environment
 
 

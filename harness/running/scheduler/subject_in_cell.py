@@ -27,6 +27,7 @@ from harness.packages import package_under_test, uv_command
 from harness.packages.environments import environments
 from harness.packages.environments.environments import Environment
 from harness.packages.package_under_test import SubjectWheel
+from harness.packages.step_failed import StepFailed
 from harness.probes import launch
 from harness.probes.evidence import Host, Request
 from harness.probes.vault import Vault
@@ -58,7 +59,10 @@ def _ready(shop: Workshop, cell: Cell, interpreter: Interpreter, key: str) -> St
     """Return a wheel that was built before, a failure that still holds, or the result of a build now."""
     assert cell.subject
     settings = shop.settings
-    wheel = package_under_test.find_wheel(cell.subject, interpreter, cell.question)
+    try:
+        wheel = package_under_test.find_wheel(cell.subject, interpreter, cell.question)
+    except StepFailed as failed:
+        return failed.step
     if wheel:
         return wheel
     before = None if settings.fresh or settings.again else shop.store.load_installed(key)
@@ -71,10 +75,12 @@ def _build(shop: Workshop, cell: Cell, interpreter: Interpreter, key: str) -> Su
     """Build the wheel of the subject now; keep a failure."""
     assert cell.subject
     shop.observer.step(cell, "build")
-    wheel = package_under_test.ensure_wheel(cell.subject, interpreter, cell.question, offline=shop.settings.offline)
-    if isinstance(wheel, Step) and wheel.outcome is Outcome.FAILED:
-        shop.store.save_installed(key, InstallResult(failed=conditioned(wheel)))
-    return wheel
+    try:
+        return package_under_test.ensure_wheel(cell.subject, interpreter, cell.question, offline=shop.settings.offline)
+    except StepFailed as failed:
+        if failed.step.outcome is Outcome.FAILED:
+            shop.store.save_installed(key, InstallResult(failed=conditioned(failed.step)))
+        return failed.step
 
 
 def extended(install: InstallResult, tested: SubjectWheel) -> InstallResult:
@@ -100,7 +106,7 @@ def _refusals(install: InstallResult, tested: SubjectWheel) -> Iterator[Finding]
 
 
 def on_top(shop: Workshop, pool: Pool, tested: SubjectWheel) -> Environment:
-    """Return the environment of a cell with the subject on top. Raises NoEnvironment."""
+    """Return the environment of a cell with the subject on top. Raises StepFailed."""
     base = pool.environment()
     # By content, not by hash: builds are not the same to the byte twice (`environments`).
     key = digest("on top", base.key, tested.tested.content)
@@ -187,7 +193,7 @@ class Suite:
         return judging.todo(self.cell.subject.suite or model.Suite(), fold, verify=self.shop.settings.verify)
 
     def measure(self, cases: tuple[CaseRecord, ...]) -> PhaseRecord | None:
-        """Return the suite's result, stored or measured now; None if it is not reached. Raises NoEnvironment."""
+        """Return the suite's result, stored or measured now; None if it is not reached. Raises StepFailed."""
         complete, result = self.find_result(cases)
         if complete or self.pool is None or self.key is None:
             return result

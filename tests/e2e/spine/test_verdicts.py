@@ -166,7 +166,6 @@ def _probed(
     lock = resolver.resolve(question, host, desk.folder / "lock")
     assert not isinstance(lock, Step)
     made = environments.ensure(lock, host, question)
-    assert not isinstance(made, Step)
     folder = shutil.copytree(made.path, desk.folder / "environment", symlinks=True)
     if python:
         (folder / "bin" / "python").unlink()
