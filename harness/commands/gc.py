@@ -8,7 +8,6 @@ import os
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from pathlib import Path
 from time import time
 
 import msgspec
@@ -69,10 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Remove the chosen items, and print how many and how much was freed."""
-    places = cleanup.Places(cache=store.cache_folder(), state=_state(), evidence=args.evidence)
+    places = cleanup.Places(cache=store.cache_folder(), state=store.state_path(), evidence=args.evidence)
     before = time() - args.older_than * DAY if args.older_than is not None else None
     size_before = disk_usage(places.cache, places.state)
-    basket = _Basket(dry=args.dry_run, cache=places.cache)
+    basket = _Basket(dry=args.dry_run)
     # uv prunes first: what that frees need not be taken from environments to reach --max-size.
     size = _pruned(places, basket, size_before)
     basket.take(cleanup.select_items(cleanup.find(places), size, before=before, most=args.max_size))
@@ -105,7 +104,6 @@ class _Basket:
     """A collector of items: it removes them, and counts those removed and those in use."""
 
     dry: bool
-    cache: Path
     numbers: dict[Kind, int] = field(default_factory=dict)
     sizes: dict[Kind, float] = field(default_factory=dict)
     in_use: int = 0
@@ -118,7 +116,7 @@ class _Basket:
     def take(self, items: Iterable[Item]) -> None:
         """Remove items, except those in use. A dry run only counts them."""
         for item in items:
-            if self.dry or cleanup.remove(item, self.cache):
+            if self.dry or cleanup.remove(item):
                 self.count(item.kind, item.size)
             else:
                 self.in_use += 1
@@ -142,11 +140,6 @@ def _pruned(places: cleanup.Places, basket: _Basket, size: int) -> int:
     if left < size:
         basket.count(Kind.UV, size - left)
     return left
-
-
-def _state() -> Path:
-    """Return the path of the state folder without creating it."""
-    return Path(os.environ.get("HARNESS_STATE") or ".harness").absolute()
 
 
 # --- what is said ----------------------------------------------------------------------------------------------

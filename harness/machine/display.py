@@ -70,7 +70,7 @@ class DisplayedCommand:
         A failure to draw without its server says nothing about the code that drew.
         """
         ended = self.server.poll() if self.server else None
-        return f"the virtual display {_end(ended)}" if ended else None
+        return f"the virtual display {describe_end(ended)}" if ended else None
 
 
 @contextmanager
@@ -152,14 +152,15 @@ def _await_display(running: Running, number: Path) -> str:
         if ended:
             last = [*log_text(running.log).split("\n"), ""]
             words = next((line.strip() for line in reversed(last) if line.strip()), "")
-            message = f"{SERVER} {_end(ended)}{f': {words}' if words else ''}"
+            message = f"{SERVER} {describe_end(ended)}{f': {words}' if words else ''}"
             raise NoDisplayError(message)
         sleep(POLL_SECONDS)
     message = f"{SERVER} could not be reached within {PATIENCE_SECONDS:g} s"
     raise NoDisplayError(message)
 
 
-def _end(done: Completed) -> str:
+def describe_end(done: Completed) -> str:
+    """Say how a process ended."""
     if done.killed:
         return f"was ended: {done.killed}"
     return f"crashed with signal {done.signal}" if done.signal else f"ended with exit code {done.exit_code}"

@@ -41,7 +41,7 @@ def state_folder() -> Path:
 
     Git ignores it.
     """
-    return ignored_by_git(_state_path())
+    return ignored_by_git(state_path())
 
 
 def cache_folder() -> Path:
@@ -51,10 +51,11 @@ def cache_folder() -> Path:
 
 def own_folders() -> tuple[Path, ...]:
     """Return the folders of the harness that exist: no probe and no build is to write to them."""
-    return tuple(folder for folder in (_state_path(), _cache_path()) if folder.is_dir())
+    return tuple(folder for folder in (state_path(), _cache_path()) if folder.is_dir())
 
 
-def _state_path() -> Path:
+def state_path() -> Path:
+    """Return the path of the folder of results and locks, which need not exist."""
     return Path(os.environ.get("HARNESS_STATE") or ".harness").absolute()
 
 

@@ -315,9 +315,7 @@ def _command(argv: tuple[str, ...], env: Mapping[str, str], home: Path, profile:
 def _death(done: Completed) -> str:
     if done.killed:
         return f"could not be asked: {done.killed}"
-    if done.timed_out:
-        return "did not answer"
-    return f"crashed with signal {done.signal}" if done.signal else f"ended with exit code {done.exit_code}"
+    return "did not answer" if done.timed_out else display.describe_end(done)
 
 
 def _gpu(root: Path) -> tuple[dict[str, str], bool]:

@@ -22,7 +22,6 @@ from harness.machine.store import cache_folder, digest, sha256_of, write_atomic
 from harness.model import (
     Artifact,
     Interpreter,
-    Lock,
     Outcome,
     Phase,
     Question,
@@ -178,13 +177,10 @@ def _memories(subject: Subject, interpreter: Interpreter, question: Question) ->
 
 
 def _built(subject: Subject, name: str, interpreter: Interpreter, question: Question, *, offline: bool) -> builds.Built:
-    def provide(lock: Lock, build_question: Question, chain: tuple[str, ...]) -> environments.Environment:
-        return environments.ensure(lock, interpreter, build_question, offline=offline, chain=chain)
-
     tree = builds.Tree(
         name=name or UNNAMED, mark=subject.state or "", unpack=lambda target: copy_source(subject, target)
     )
-    return builds.build_tree(tree, interpreter, question, provide, offline=offline)
+    return builds.build_tree(tree, interpreter, question, environments.ensure, offline=offline)
 
 
 def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> SubjectWheel:

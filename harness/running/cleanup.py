@@ -103,7 +103,8 @@ def find(places: Places, now: float | None = None) -> list[Item]:
     instant = time() if now is None else now
     items = [*_environments(places.cache), *_cached(places.cache), *_scratch(places, instant)]
     if places.state.is_dir():
-        items += _state(places, instant)
+        # What is younger may be being written, or belong to a record that is still to come.
+        items += (item for item in _state(places, instant) if instant - item.used > DAY)
     return sorted(items, key=lambda item: (item.used, item.paths))
 
 
@@ -179,27 +180,22 @@ def _state(places: Places, now: float) -> Iterator[Item]:
     for kind in ("steps", "locks", "installed"):
         for path in sorted((places.state / kind).glob("*/*.json")):
             names = _names(path) | _own(path)
-            if not names & cells and now - path.stat().st_mtime > DAY:
+            if not names & cells:
                 yield _item(Kind.RECORD, path, used=path.stat().st_mtime)
             references |= names
     references |= {f"build-{path.stem}" for path in (places.cache / "wheels" / "requests").glob("*.txt")}
     # The files of locks and the folders of runs have only 16 digits of a name (`Store.lock_file`, `folder_of`).
     starts = {name[:16] for name in references}
     for path in sorted((places.state / "locks").glob("*.txt")):
-        if path.stem not in starts and now - path.stat().st_mtime > DAY:
+        if path.stem not in starts:
             yield _item(Kind.RECORD, path, waste=True)
-    old = [places.state / "results"]  # of an earlier version, which no later one reads
-    waste = [(Kind.RECORD, path) for path in old if path.is_dir()]
-    waste += [
-        (Kind.EVIDENCE, path) for path, _ in _folders(places.state / "evidence") if path.name not in references | starts
-    ]
-    yield from _aged((_item(kind, path, waste=True) for kind, path in waste), now)
+    for path, _ in _folders(places.state, "results"):  # of an earlier version, which no later one reads
+        yield _item(Kind.RECORD, path, waste=True)
+    for path, _ in _folders(places.state / "evidence"):
+        if path.name not in references | starts:
+            yield _item(Kind.EVIDENCE, path, waste=True)
     if places.evidence:
         yield from _runs(places.state / "vault", references, now)
-
-
-def _aged(items: Iterable[Item], now: float) -> Iterator[Item]:
-    return (item for item in items if now - item.used > DAY)
 
 
 def _runs(vault: Path, named: Set[str], now: float) -> Iterator[Item]:
@@ -207,16 +203,16 @@ def _runs(vault: Path, named: Set[str], now: float) -> Iterator[Item]:
     needed: set[str] = set()
     for claim in sorted((vault / "ac").glob("*/*")):
         runs = {name.decode() for name in CONTENT.findall(_content(claim))}
-        old = now - claim.stat().st_mtime > DAY
-        if old and not any({run, folder_of(run).rpartition("/")[2]} & named for run in runs):
-            yield _item(Kind.RUN, claim, waste=True)
+        used = claim.stat().st_mtime
+        if now - used > DAY and not any({run, folder_of(run).rpartition("/")[2]} & named for run in runs):
+            yield _item(Kind.RUN, claim, used=used, waste=True)
             continue
         needed |= runs
         for run in runs:
             needed |= {name.decode() for name in CONTENT.findall(_content(vault / "cas" / run[:2] / run[2:]))}
     for path in sorted((vault / "cas").glob("*/*")):
-        if path.parent.name + path.name not in needed and now - path.stat().st_mtime > DAY:
-            yield _item(Kind.RUN, path, waste=True)
+        if path.parent.name + path.name not in needed:
+            yield _item(Kind.RUN, path, used=path.stat().st_mtime, waste=True)
 
 
 def _content(path: Path) -> bytes:
@@ -259,13 +255,11 @@ def select_items(items: Iterable[Item], size: float, *, before: float | None, mo
     return goes
 
 
-def remove(item: Item, cache: Path) -> bool:
+def remove(item: Item) -> bool:
     """Remove an item unless somebody uses it; return False if it was kept."""
     match item.kind:
-        case Kind.ENVIRONMENT:
-            return _removed_environment(item, cache)
-        case Kind.WHEEL | Kind.METADATA | Kind.REPOSITORY | Kind.BROUGHT:
-            return _removed_unused(item, cache)
+        case Kind.ENVIRONMENT | Kind.WHEEL | Kind.METADATA | Kind.REPOSITORY | Kind.BROUGHT:
+            return _removed_unused(item)
         case Kind.UV:
             with file_locks.unused(item.paths[0]) as free:
                 return _free(item, free) and uv_command.tidy("clean")
@@ -275,29 +269,25 @@ def remove(item: Item, cache: Path) -> bool:
             return True
 
 
-def _removed_environment(item: Item, cache: Path) -> bool:
-    path = item.paths[0]
-    # Whoever makes or withdraws this environment holds this lock (`environments.discard`).
-    claim = file_locks.claim([path.with_name(f"{path.name}.lock")], wait=False)
-    if claim is None:
+def _removed_unused(item: Item) -> bool:
+    """Move the item aside in one step, so that nobody finds half of it, then remove it; return False if it is used."""
+    place = item.paths[0]
+    # Whoever makes or withdraws it holds this lock (`environments.discard`, `checkouts.of_repository`).
+    making = file_locks.claim([place.with_name(f"{place.name}.lock")], wait=False)
+    if making is None:
         return False
     try:
-        return _removed_unused(item, cache)
+        with file_locks.unused(place) as free:
+            if not _free(item, free):
+                return False
+            # This scratch folder lies on the disk of the cache: across disks a rename fails.
+            with uv_command.scratch() as aside:
+                for number, path in enumerate(item.paths):
+                    with suppress(FileNotFoundError):
+                        path.rename(aside / str(number))
+        return True
     finally:
-        claim.release()
-
-
-def _removed_unused(item: Item, cache: Path) -> bool:
-    """Move the item aside in one step, so that nobody finds half of it, then remove it; return False if it is used."""
-    with file_locks.unused(item.paths[0]) as free:
-        if not _free(item, free):
-            return False
-        # This scratch folder lies on the disk of the cache: across disks a rename fails.
-        with uv_command.scratch() as aside:
-            for number, path in enumerate(item.paths):
-                with suppress(FileNotFoundError):
-                    path.rename(aside / str(number))
-    return True
+        making.release()
 
 
 def _free(item: Item, free: bool | None) -> bool:

@@ -99,7 +99,7 @@ def test_built_once(make: Make, host: Interpreter, offline_index: IndexSettings,
     lock = expect_lock(resolver.resolve(asked, host, tmp_path / "state" / "x"))
     pin = next(pin for pin in lock.pins if not pin.artifact.is_wheel)
 
-    def provide(*_: object) -> Environment:
+    def provide(*_: object, **__: object) -> Environment:
         raise AssertionError
 
     assert isinstance(builds.build(pin, host, asked, provide), builds.Built)

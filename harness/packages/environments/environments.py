@@ -213,15 +213,12 @@ def wheels_of(
 ) -> tuple[Wheel, ...]:
     """Return the wheels of a lock, after building its sdists. Raises StepFailed."""
 
-    def provide(lock: Lock, question: Question, chain: tuple[str, ...]) -> Environment:
-        return ensure(lock, interpreter, question, offline=offline, chain=chain)
-
     wheels = []
     for pin in lock.pins:
         if pin.artifact.is_wheel:
             wheels.append(Wheel(name=pin.name, version=pin.version, artifact=pin.artifact, mark=pin.artifact.sha256))
             continue
-        built = builds.build(pin, interpreter, question, provide, offline=offline, chain=chain)
+        built = builds.build(pin, interpreter, question, ensure, offline=offline, chain=chain)
         # A build may require something else than the metadata that uv resolved by.
         unmet = locks.unmet(sdists.requires_dist(built.path), lock, interpreter, question.overrides)
         if unmet:

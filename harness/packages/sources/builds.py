@@ -24,7 +24,7 @@ from harness.machine.files import guarded_files
 from harness.machine.files.file_locks import exclusive, use
 from harness.machine.files.scratch_folders import remove_folder
 from harness.machine.store import cache_folder, digest, open_store, own_folders, sha256_of, write_atomic
-from harness.model import Artifact, Interpreter, Lock, Outcome, Phase, Pin, Question, Step
+from harness.model import Artifact, Interpreter, Outcome, Phase, Pin, Question, Step
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable, understanding
 from harness.model.machine_trouble import SHOT, machine_trouble
@@ -58,11 +58,8 @@ class Place(Protocol):
         """Return the key that names everything the environment depends on."""
 
 
-Provide = Callable[[Lock, Question, tuple[str, ...]], Place]
-"""Makes an environment of a lock, or raises StepFailed.
-
-The names are of the packages whose builds asked for it, outermost first.
-"""
+Ensure = Callable[..., Place]
+"""Makes the environment of a lock (`environments.ensure`, which needs builds itself), or raises StepFailed."""
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -93,7 +90,7 @@ class _Job:
     pin: Pin
     interpreter: Interpreter
     question: Question
-    provide: Provide
+    ensure: Ensure
     offline: bool
     chain: tuple[str, ...]
     unpack: Callable[[Path], Path] | None = None
@@ -131,18 +128,18 @@ def build(
     pin: Pin,
     interpreter: Interpreter,
     question: Question,
-    provide: Provide,
+    ensure: Ensure,
     *,
     offline: bool = False,
     chain: tuple[str, ...] = (),
 ) -> Built:
-    """Return the wheel of an sdist for this interpreter, made now or before; `provide` makes the build environments.
+    """Return the wheel of an sdist for this interpreter, made now or before; `ensure` makes the build environments.
 
     Raises StepFailed: a build that fails is a failed install with the backend's own last word; a network that does is
     infra.
     """
     job = _Job(
-        pin=pin, interpreter=interpreter, question=question, provide=provide, offline=offline, chain=(*chain, pin.name)
+        pin=pin, interpreter=interpreter, question=question, ensure=ensure, offline=offline, chain=(*chain, pin.name)
     )
     if pin.name in chain:
         circle = " -> ".join(job.chain)
@@ -151,7 +148,7 @@ def build(
 
 
 def build_tree(
-    tree: Tree, interpreter: Interpreter, question: Question, provide: Provide, *, offline: bool = False
+    tree: Tree, interpreter: Interpreter, question: Question, ensure: Ensure, *, offline: bool = False
 ) -> Built:
     """Return the wheel of a source tree, as `build` does of an sdist; its version is unknown before the build."""
     pin = Pin(name=tree.name, version="", artifact=Artifact(filename="", sha256=tree.mark, source=""), hashes=())
@@ -159,7 +156,7 @@ def build_tree(
         pin=pin,
         interpreter=interpreter,
         question=question,
-        provide=provide,
+        ensure=ensure,
         offline=offline,
         chain=(tree.name,),
         unpack=tree.unpack,
@@ -299,7 +296,7 @@ def _place(job: _Job, requires: Sequence[str]) -> Place:
     try:
         if isinstance(lock, Step):
             raise StepFailed(lock)
-        return job.provide(lock, question, job.chain)
+        return job.ensure(lock, job.interpreter, question, offline=job.offline, chain=job.chain)
     except StepFailed as failed:
         decisive = f"{job.title}: its build requirements: {failed.step.decisive}"
         raise StepFailed(replace(failed.step, phase=Phase.INSTALL, decisive=shorten_line(decisive))) from None

@@ -115,11 +115,8 @@ def _built(repair: Repair, settings: IndexSettings, *, offline: bool) -> tuple[s
         raise _failed(repair, str(error)) from None
     pin = Pin(name=repair.name, version=repair.version, artifact=artifact, hashes=(repair.origin,))
 
-    def provide(lock: Lock, question: Question, chain: tuple[str, ...]) -> environments.Environment:
-        return environments.ensure(lock, builder, question, offline=offline, chain=chain)
-
     try:
-        built = builds.build(pin, builder, question, provide, offline=offline)
+        built = builds.build(pin, builder, question, environments.ensure, offline=offline)
     except StepFailed as failed:
         raise _failed(repair, failed.step.decisive or "its build failed", log=failed.step.log) from None
     return built.path.name, built.path.read_bytes(), f" (built by Python {builder.version})"
