@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from packaging.version import Version
 
@@ -172,7 +171,8 @@ class Scout:
                 why = f"importing {', '.join(modules)} fails: {reply.raised.type}: {reply.raised.message}"
                 return _Listed(trouble=why.splitlines()[0], imported=True)
             if reply and reply.outcome is Outcome.PASSED:
-                return _read(reply.facts)
+                candidates, failed = read(reply.facts)  # of any shape, as a cell wrote them
+                return _Listed(candidates=candidates, failed=failed, imported=True)
             return run.text("importing")[:LONGEST]
 
     def _running(self, python: str, extras: tuple[str, ...], candidates: Sequence[Candidate]) -> list[Drafted]:
@@ -227,12 +227,6 @@ def _failure(assessed: Assessed, case: str) -> str | None:
 def _trouble(assessed: Assessed) -> str:
     """Return the reason why a cell did not reach its cases."""
     return f"{assessed.verdict.replace('_', ' ')}: {assessed.decisive or 'no line says why'}"
-
-
-def _read(facts: Any) -> _Listed:
-    """Read the answer of a cell, which may have any shape."""
-    candidates, failed = read(facts)
-    return _Listed(candidates=candidates, failed=failed, imported=True)
 
 
 def by_preference(pythons: Iterable[str], baseline: str | None) -> tuple[str, ...]:

@@ -16,7 +16,8 @@ TIMEOUT = 5.0
 
 def announce(artifacts: Iterable[Artifact], cached_hashes: frozenset[str]) -> None:
     """Tell the user of a large download; `cached_hashes` are hashes of files that are here already."""
-    wanted = [one for one in artifacts if one.sha256 not in cached_hashes and "://" in one.source and not _is_file(one)]
+    remote = (one for one in artifacts if "://" in one.source and not one.source.startswith("file:"))
+    wanted = [one for one in remote if one.sha256 not in cached_hashes]
     with ThreadPoolExecutor(8) as pool:
         sizes = dict(zip(wanted, pool.map(_size, wanted), strict=True))
     if sum(sizes.values()) > MUCH:
@@ -27,10 +28,6 @@ def announce(artifacts: Iterable[Artifact], cached_hashes: frozenset[str]) -> No
             largest.filename,
             sizes[largest] / 1e9,
         )
-
-
-def _is_file(artifact: Artifact) -> bool:
-    return artifact.source.startswith("file:")
 
 
 def _size(artifact: Artifact) -> int:

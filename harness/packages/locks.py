@@ -26,6 +26,7 @@ PLACE = "https://wheels.invalid/{sha256}"
 UNRANKED = 1_000_000
 """After every tag that is known: what uv takes and packaging does not know of (another implementation's wheels)."""
 
+HASH = re.compile(r"sha256:([0-9a-f]{64})")
 PINNED = re.compile(r"(?m)^(?P<name>[\w.-]+)==(?P<version>\S+)(?P<hashes>(?: \\\n +--hash=sha256:[0-9a-f]{64})+)$")
 
 
@@ -52,7 +53,10 @@ def assemble(pins: Iterable[Pin], instant: str) -> Lock:
 
 def read_pins(requirements: str) -> dict[str, tuple[str, tuple[str, ...]]]:
     """Read a lock's own requirements: name to version and hashes. Raises BadInput for any other text."""
-    pins = {match["name"]: (match["version"], _hashes(match["hashes"])) for match in PINNED.finditer(requirements)}
+    pins = {
+        match["name"]: (match["version"], tuple(HASH.findall(match["hashes"])))
+        for match in PINNED.finditer(requirements)
+    }
     left = PINNED.sub("", requirements).strip()
     if left:
         message = f"not a lock of this harness: `{left.splitlines()[0]}` is no `name==version --hash=sha256:...`"
@@ -216,7 +220,3 @@ def _instant(moment: Any) -> str | None:
 
 def _requirement(pin: Pin) -> str:
     return " \\\n".join((f"{pin.name}=={pin.version}", *(f"    --hash=sha256:{one}" for one in pin.hashes))) + "\n"
-
-
-def _hashes(text: str) -> tuple[str, ...]:
-    return tuple(re.findall(r"sha256:([0-9a-f]{64})", text))

@@ -159,7 +159,10 @@ def ensure_wheel(
         if result:
             return result
         about = _about(subject)
-        build = _built(subject, about.name, interpreter, question, offline=offline)
+        tree = builds.Tree(
+            name=about.name or UNNAMED, mark=subject.state or "", unpack=lambda target: copy_source(subject, target)
+        )
+        build = builds.build_tree(tree, interpreter, question, environments.ensure, offline=offline)
         write_atomic(for_any if build.path.stem.endswith(PURE) else for_this, build.key.encode())
     return _read(build.path, interpreter, about.groups)
 
@@ -174,13 +177,6 @@ def _memories(subject: Subject, interpreter: Interpreter, question: Question) ->
     names = [digest("subject", subject.state, python, *inputs) for python in (None, interpreter.identity)]
     for_any, for_this = (cache_folder() / "subjects" / f"{name}.txt" for name in names)
     return for_any, for_this
-
-
-def _built(subject: Subject, name: str, interpreter: Interpreter, question: Question, *, offline: bool) -> builds.Built:
-    tree = builds.Tree(
-        name=name or UNNAMED, mark=subject.state or "", unpack=lambda target: copy_source(subject, target)
-    )
-    return builds.build_tree(tree, interpreter, question, environments.ensure, offline=offline)
 
 
 def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> SubjectWheel:
@@ -262,7 +258,7 @@ def list_requirements(
     if key not in package.requirement_cache:
         for what, names, valid in (
             ("extra", extras, package.extras),
-            ("dependency group", groups, _group_names(package)),
+            ("dependency group", groups, tuple(map(canonicalize_name, package.groups))),
         ):
             unknown = next((one for one in names if one not in valid), None)
             if unknown:
@@ -307,7 +303,3 @@ def _holding(line: str, name: str, environment: Mapping[str, str], chosen: list[
     # uv knows none of these extras and would drop a requirement whose marker names one.
     requirement.marker = None
     yield str(requirement)
-
-
-def _group_names(package: SubjectWheel) -> tuple[str, ...]:
-    return tuple(canonicalize_name(name) for name in package.groups)

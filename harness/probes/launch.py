@@ -359,16 +359,13 @@ def _reply(left: Folder) -> ProbeReply:
         pass
     except Unreadable as error:
         problems = (f"{REPLY}: {error}",)
-    reply = wire.read_reply(content.splitlines(keepends=True), _worker_files(left))
+    workers = {name: _content(left, name, MOST_TEXT) for name in _workers(left)}
+    reply = wire.read_reply(content.splitlines(keepends=True), workers)
     return replace(reply, problems=(*problems, *reply.problems))
 
 
 def _workers(left: Folder) -> list[str]:
     return left.names(wire.WORKER_FILE.fullmatch, MOST_WORKERS)
-
-
-def _worker_files(left: Folder) -> dict[str, bytes]:
-    return {name: _content(left, name, MOST_TEXT) for name in _workers(left)}
 
 
 def _content(folder: Folder, name: str, limit: int, start: int = 0) -> bytes:

@@ -17,7 +17,6 @@ from harness.machine import source_digests
 from harness.machine.store import digest
 from harness.model import CASE_PHASES, Case, CaseRecord, Outcome, Phase, PhaseRecord, Step
 from harness.probes import program
-from harness.probes.evidence import Request
 from harness.probes.measure import Laboratory
 from harness.probes.wire import followers_of
 from harness.standalone.adapters import encode_declarations
@@ -59,7 +58,8 @@ def run_case(context: Context, case: Case) -> CaseRecord:
     case_plan, key, new = context.plan_case(case), claim(context, case), set()
     folded = _fold_runs(context, case_plan, key)
     while request := todo(case_plan, folded):
-        _notify(context, request)
+        for check in request.limits:
+            context.notify(check)
         name = context.laboratory.measure(request, key)
         new.add(name)
         context.measured[key] = (*context.measured.get(key, ()), name)
@@ -82,11 +82,6 @@ def _fold_runs(context: Context, case_plan: CasePlan, key: str) -> Folded:
     folded = folded.reusable(context.laboratory.host.conditions, failed_too=not context.again)
     # Added after `reusable`, which would drop a time-out of this process and have it measured a second time.
     return fold(case_plan, vault.readings(mine), folded)
-
-
-def _notify(context: Context, request: Request) -> None:
-    for check in request.limits:
-        context.notify(check)
 
 
 def mark(context: Context, cases: Iterable[Case], lock: str | None) -> str:

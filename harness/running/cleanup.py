@@ -179,7 +179,8 @@ def _state(places: Places, now: float) -> Iterator[Item]:
     references = set(cells)
     for kind in ("steps", "locks", "installed"):
         for path in sorted((places.state / kind).glob("*/*.json")):
-            names = _names(path) | _own(path)
+            # uv's output for a question is kept by the question's own key (`Runner.lock`).
+            names = _names(path) | {f"lock-{path.parent.name}{path.stem}"[: len("lock-") + 16]}
             if not names & cells:
                 yield _item(Kind.RECORD, path, used=path.stat().st_mtime)
             references |= names
@@ -229,11 +230,6 @@ def _names(record: Path) -> set[str]:
     return {found.decode() for found in EVIDENCE.findall(content)} | keys | {f"install-{key}" for key in keys}
 
 
-def _own(record: Path) -> set[str]:
-    """Return the evidence that a record has by its own key: uv's output for a question."""
-    return {f"lock-{record.parent.name}{record.stem}"[: len("lock-") + 16]}
-
-
 # --- choosing and removing -------------------------------------------------------------------------------------
 
 
@@ -265,7 +261,10 @@ def remove(item: Item) -> bool:
                 return _free(item, free) and uv_command.tidy("clean")
         case _:
             for path in item.paths:
-                _gone(path)
+                if path.is_dir() and not path.is_symlink():
+                    remove_folder(path)
+                else:
+                    path.unlink(missing_ok=True)
             return True
 
 
@@ -293,10 +292,3 @@ def _removed_unused(item: Item) -> bool:
 def _free(item: Item, free: bool | None) -> bool:
     """Return whether an item may go; if nobody can tell whether it is in use, only after a day."""
     return time() - item.used > DAY if free is None else free
-
-
-def _gone(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        remove_folder(path)
-    else:
-        path.unlink(missing_ok=True)

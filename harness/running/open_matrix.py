@@ -88,7 +88,7 @@ def gather(
     expansion = _expansion(matrix, path, say, offline=offline, renew=renew)
     sources = plan.Sources(
         matrix=matrix,
-        host_python=_host(),
+        host_python=platform.python_version().removesuffix("+"),  # a build from a checkout calls itself 3.14.0+
         expansion=expansion,
         texts={source: _text(path.parent / source, place) for source, place in matrix_file.sources(matrix).items()},
         breaks=_breaks() if matrix.strategy.boundaries else version_ranges.NO_BREAKS,
@@ -227,11 +227,6 @@ def _chosen(sources: plan.Sources, expansion: Expansion, ask: plan.Ask, say: Cal
 def _breaks() -> version_ranges.Breaks:
     path = PACKAGE / "running" / "breaks.toml"
     return version_ranges.read_breaks(_text(path), path.name)
-
-
-def _host() -> str:
-    """Return the version that `host` stands for; a build from a checkout calls itself 3.14.0+."""
-    return platform.python_version().removesuffix("+")
 
 
 def _located(settings: IndexSettings, folder: Path) -> IndexSettings:

@@ -256,11 +256,8 @@ def _contains(within: Any, item: Any) -> bool:
 
 
 def _format(form: str, *values: Any) -> str:
-    return re.sub(r"\{(\d+)\}", lambda place: _nth(values, int(place[1])), form)
-
-
-def _nth(values: Sequence[Any], index: int) -> str:
-    return text_of(values[index]) if index < len(values) else ""
+    texts = dict(enumerate(map(text_of, values)))
+    return re.sub(r"\{(\d+)\}", lambda place: texts.get(int(place[1]), ""), form)
 
 
 def _same(value: Any, other: Any) -> bool:

@@ -22,7 +22,7 @@ from harness.machine.files import guarded_files
 from harness.machine.files.file_locks import alone, exclusive, use
 from harness.machine.files.scratch_folders import remove_folder
 from harness.machine.store import cache_folder, digest, open_store, write_atomic
-from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, Step
+from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question
 from harness.model.hostile_data import Unreadable
 from harness.packages import download_notice, locks, uv_command, uv_failures
 from harness.packages.environments import first_import, site_packages
@@ -288,9 +288,10 @@ def _make(
         try:
             fill()
         except StepFailed as failed:
-            named = set() if how.offline else _named(failed.step, wheels)
+            blamed = {one.name for one in wheels if one.artifact.filename in (failed.step.decisive or "")}
+            again = failed.step.outcome is Outcome.FAILED and blamed and not how.offline
             # uv may have kept a wheel that a disk has spoiled since.
-            if failed.step.outcome is not Outcome.FAILED or not named or not uv_command.forget(named):
+            if not again or not uv_command.forget(blamed):
                 raise
             remove_folder(path)
             fill()
@@ -331,11 +332,6 @@ def _lead_on(path: Path, below: Path) -> None:
     (site,), (more,) = (list(site_packages.folders(one)) for one in (path, below))
     # With a bare path instead of `addsitedir` the .pth files of the environment below would not run.
     (site / site_packages.LEADS_ON).write_text(f"import site; site.addsitedir({str(more)!r})\n", encoding="utf-8")
-
-
-def _named(failed: Step, wheels: Iterable[Wheel]) -> set[str]:
-    """Return the packages whose wheels an install says to be at fault."""
-    return {one.name for one in wheels if one.artifact.filename in (failed.decisive or "")}
 
 
 def _fill(

@@ -93,12 +93,10 @@ def _included(includes: Iterable[Include], path: Path, seen: set[Path]) -> Input
             seen.add(target.resolve())
             parsed = _parse(target)
             inner = parsed.inputs + _included(parsed.includes, target, seen)
-            inputs += _as_constraints(inner) if include.constraint else inner
+            if include.constraint:
+                inner = replace(inner, requirements=(), constraints=inner.requirements + inner.constraints)
+            inputs += inner
     return inputs
-
-
-def _as_constraints(inputs: Inputs) -> Inputs:
-    return replace(inputs, requirements=(), constraints=inputs.requirements + inputs.constraints)
 
 
 def _check(kind: str, names: Iterable[str], choices: set[str]) -> None:

@@ -78,7 +78,11 @@ def write(folder: Path, manifest: Manifest) -> None:
     named = {name for one in manifest.matrices for name in (one.file, *one.beside)}
     named |= {name for cell in manifest.cells for name in _files(cell)}
     named |= {one.file for one in manifest.pythons if one.file}
-    files = {name: manifest.files.get(name) or _described(folder / name) for name in sorted(named)}
+    files = {
+        name: manifest.files.get(name)
+        or FetchedFile(sha256=sha256_of(folder / name), size=(folder / name).stat().st_size)
+        for name in sorted(named)
+    }
     document = msgspec.structs.replace(manifest, files=files)
     write_atomic(folder / offline_bundle.MANIFEST, msgspec.json.format(msgspec.json.encode(document), indent=1) + b"\n")
 
@@ -302,7 +306,3 @@ def _files(cell: FetchedCell) -> set[str]:
 
 def _is_sound(path: Path, file: FetchedFile) -> bool:
     return path.is_file() and path.stat().st_size == file.size and sha256_of(path) == file.sha256
-
-
-def _described(path: Path) -> FetchedFile:
-    return FetchedFile(sha256=sha256_of(path), size=path.stat().st_size)

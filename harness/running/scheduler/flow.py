@@ -137,10 +137,7 @@ class Flow:
         while self.groups and len(self.preparing) < self.at_once:
             if self.ready and len(self.preparing) + len(self.environments) >= ahead:
                 break
-            self.preparing.add(self.first.submit(self._prepared, self.groups.popleft()))
-
-    def _prepared(self, cells: list[Cell]) -> list[Prepared]:
-        return [self.runner.prepare(cell) for cell in cells]
+            self.preparing.add(self.first.submit(list, map(self.runner.prepare, self.groups.popleft())))
 
     def _arrived(self, prepared: Prepared) -> None:
         if not prepared.claims:
@@ -215,11 +212,6 @@ class Flow:
         # Without a mark the next run does not take this record as it is.
         self._keep(replace(stopped(record, cell_faults.fault(self.runner, record.cell, phase, error)), mark=None))
 
-    def _controlled(self, future: Future[ControlRecord]) -> None:
-        future.result()
-        for record in self.held.pop(self.controlling.pop(future)):
-            self._finish(record)
-
     # --- both ------------------------------------------------------------------------------------------------------
 
     def _wait(self) -> None:
@@ -237,7 +229,9 @@ class Flow:
         for probe in [one for one in self.probing if one.done()]:
             self._ended(probe)
         for ran in [one for one in self.controlling if one.done()]:
-            self._controlled(ran)
+            ran.result()
+            for record in self.held.pop(self.controlling.pop(ran)):
+                self._finish(record)
         again, self.elsewhere = self.elsewhere, []
         for ready in again:
             self._push(ready)

@@ -12,7 +12,6 @@ from harness.model import (
     Case,
     CaseRecord,
     CellRecord,
-    CheckRecord,
     Finding,
     Level,
     Outcome,
@@ -58,11 +57,11 @@ def retry_drawing(record: CellRecord, cases: Iterable[Case], around: Around) -> 
 
 def _failed(case: CaseRecord) -> frozenset[Phase]:
     """Return the phases in which a check failed that was about to draw."""
-    return frozenset(phase.phase for phase in case.phases if any(map(_drawing, phase.checks)))
-
-
-def _drawing(check: CheckRecord) -> bool:
-    return check.outcome in FAILING and bool(check.facts.get(DRAWING))
+    return frozenset(
+        phase.phase
+        for phase in case.phases
+        if any(check.outcome in FAILING and check.facts.get(DRAWING) for check in phase.checks)
+    )
 
 
 def _only(case: Case, phases: frozenset[Phase]) -> Case:

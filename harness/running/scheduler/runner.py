@@ -16,7 +16,6 @@ from harness.model import (
     CaseRecord,
     Cell,
     CellRecord,
-    Finding,
     Interpreter,
     Lock,
     Outcome,
@@ -226,21 +225,19 @@ class Runner(Workshop):
         full_cell, tested = yield from self._complete_question(cell, interpreter)
         if isinstance(tested, Step):
             return Prepared(record=stopped(record, tested))
-        record = replace(record, subject=tested.tested if tested else None)
         fetched = self.settings.fetched
         lock, step = fetched.answer(cell) if fetched else (yield from self.lock(full_cell.question, interpreter))
-        record = replace(record, resolve=step)
+        record = replace(record, subject=tested.tested if tested else None, resolve=step)
         if lock is None:
             return Prepared(record=stopped(record, step))
+        hashes = (one.artifact.sha256 for one in lock.pins)
         record = replace(
             record,
-            repairs=overlay_recipes.select_by_hash(
-                full_cell.question.overlay, (one.artifact.sha256 for one in lock.pins)
-            ),
+            repairs=overlay_recipes.select_by_hash(full_cell.question.overlay, hashes),
+            lock=self.store.relative(self.store.lock_file(lock)),
+            lock_sha256=lock.sha256,
+            supplied=this_machine.choose_variables(cell.environment, cell.needs, lock.versions),
         )
-        file = self.store.relative(self.store.lock_file(lock))
-        supplied = this_machine.choose_variables(cell.environment, cell.needs, lock.versions)
-        record = replace(record, lock=file, lock_sha256=lock.sha256, supplied=supplied)
         if self.settings.until is Phase.RESOLVE:
             return Prepared(record=record)
         try:
@@ -283,7 +280,10 @@ class Runner(Workshop):
         install = pool.load_install() or (yield from pending(pool.install))
         if install.failed:
             return Prepared(record=stopped(record, install.failed))
-        install = self._extended(install, tested) if tested else install
+        if tested:
+            from harness.running.scheduler import subject_in_cell  # noqa: PLC0415 - start-up
+
+            install = subject_in_cell.extended(install, tested)
         record = replace(
             record,
             key=install.key,
@@ -293,7 +293,7 @@ class Runner(Workshop):
                 outcome=Outcome.PASSED,
                 seconds=install.seconds,
                 reused=pool.known,
-                findings=(*install.findings, *_unchecked(record.cell)),
+                findings=(*install.findings, *debian_packages.unchecked(record.cell.system)),
             ),
         )
         try:
@@ -303,11 +303,6 @@ class Runner(Workshop):
             return (yield from self._known_cases(record, pool, install, tested))
         except StepFailed as failed:
             return Prepared(record=stopped(record, failed.step))
-
-    def _extended(self, install: InstallResult, tested: SubjectWheel) -> InstallResult:
-        from harness.running.scheduler import subject_in_cell  # noqa: PLC0415 - start-up
-
-        return subject_in_cell.extended(install, tested)
 
     def _known_cases(
         self, record: CellRecord, pool: Pool, install: InstallResult, tested: SubjectWheel | None
@@ -470,12 +465,5 @@ class Runner(Workshop):
 
 def _missing(cell: Cell) -> str | None:
     """Return a sentence on the needs of the cell that this machine lacks, and their remedies; None if it lacks none."""
-    lacking = "; ".join(filter(None, (*missing(cell), this_machine.describe_missing(cell.needs)))) or None
-    if lacking or not cell.system:
-        return lacking
-    return debian_packages.describe_missing(cell.system)
-
-
-def _unchecked(cell: Cell) -> tuple[Finding, ...]:
-    """Return a note on system packages of the cell that could not be looked up."""
-    return debian_packages.unchecked(cell.system)
+    lacking = "; ".join(filter(None, (*missing(cell), this_machine.describe_missing(cell.needs))))
+    return lacking or debian_packages.describe_missing(cell.system)

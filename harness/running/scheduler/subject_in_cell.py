@@ -169,14 +169,10 @@ class Suite:
         """Return whether the suite's result after these cases is known, and the result; None if it is not reached."""
         if not _imported(cases):
             return True, None
-        result = self.failed or self._recalled()
-        return result is not None, result
-
-    def _recalled(self) -> PhaseRecord | None:
-        if self.key is None or self.pool is None:
-            return None
+        if self.failed or self.key is None:
+            return self.failed is not None, self.failed
         fold = self._fold_runs()
-        return None if self._todo(fold) else judging.phase(fold, reused=True)
+        return (False, None) if self._todo(fold) else (True, judging.phase(fold, reused=True))
 
     def _fold_runs(self) -> judging.Folded:
         """Fold the stored runs that may be reused, and the runs of this process whatever their results."""
