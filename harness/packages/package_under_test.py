@@ -97,16 +97,14 @@ def about(subject: Subject) -> project.About | None:
 def record_state(subject: Subject, *, offline: bool = False) -> Subject:
     """Return the subject with the present state of its source. Raises BadInput if there is no usable source."""
     path = Path(subject.source)
-    if subject.source.startswith(checkouts.REPOSITORY):
-        state = checkouts.of_repository(subject.source, offline=offline)
-    elif path.suffix == WHEEL and path.is_file():
-        if subject.suite or subject.groups:
-            message = f"subject: {path.name} is a wheel, which has neither tests nor dependency groups; name a folder"
-            raise BadInput(message)
-        state = checkouts.State(mark=sha256_of(path))
-    elif any((path / name).is_file() for name in project.FILES):
-        state = checkouts.of_folder(path)
-    else:
+    is_wheel = path.suffix == WHEEL and path.is_file()
+    if is_wheel and (subject.suite or subject.groups):
+        message = f"subject: {path.name} is a wheel, which has neither tests nor dependency groups; name a folder"
+        raise BadInput(message)
+    in_repository = subject.source.startswith(checkouts.REPOSITORY)
+    usable = is_wheel or in_repository or any((path / name).is_file() for name in project.FILES)
+    state = checkouts.state_of(subject.source, offline=offline) if usable else None
+    if state is None:
         message = f"subject: {path} is neither a wheel nor a folder with a pyproject.toml or setup.py"
         raise BadInput(message)
     return replace(subject, state=state.mark, commit=state.commit, changed=state.changed)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import sysconfig
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
-from harness.machine import process
 from harness.machine.store import Store
 from harness.matrix.plan import Ask
 from harness.model import Cell, Outcome
@@ -33,14 +31,7 @@ def asking(store: Store, settings: scheduler.Settings) -> Ask:
         return step.decisive if step.outcome is Outcome.FAILED else None
 
     def ask(cells: Sequence[Cell]) -> list[str | None]:
-        pool = ThreadPoolExecutor(max_workers=settings.jobs or scheduler.default_jobs(), thread_name_prefix="resolve")
-        try:
+        with scheduler.threads(settings.jobs or scheduler.default_jobs()) as (pool,):
             return list(pool.map(reason, cells))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            process.stop()
-            raise
-        finally:
-            pool.shutdown()
 
     return ask

@@ -51,7 +51,8 @@ class Face:
         """Plan before workers are started. A mistake in the matrix raises pytest's UsageError."""
         sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
         if self.worker:
-            self.frozen = frozen.decode(self.config.workerinput[INPUT])  # type: ignore[attr-defined]
+            plan = self.config.workerinput[INPUT]  # type: ignore[attr-defined]
+            self.frozen = msgspec.json.decode(plan, type=frozen.SessionPlan)
             self._take_chosen()
             return
         given = self.config.getoption
@@ -79,7 +80,7 @@ class Face:
     @pytest.hookimpl(optionalhook=True)
     def pytest_configure_node(self, node: Any) -> None:
         """Hand the plan to a worker."""
-        node.workerinput[INPUT] = frozen.encode(self.frozen)
+        node.workerinput[INPUT] = msgspec.json.encode(self.frozen).decode()
 
     @pytest.hookimpl(optionalhook=True)
     def pytest_xdist_make_scheduler(self, config: pytest.Config, log: Any) -> Any:

@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from harness.commands import select_cells
 from harness.machine.store import Store, open_store
 from harness.model import CASE_PHASES, Cell, Phase, Plan
@@ -59,13 +57,3 @@ def freeze(
     store = open_store()
     plans = tuple(plan if listed else open_matrix.set_instant(plan, store, offline=offline) for plan in planned)
     return SessionPlan(plans=plans, state=str(store.folder), fresh=fresh, offline=offline, verify=verify)
-
-
-def encode(frozen: SessionPlan) -> str:
-    """Encode a plan as text for a worker."""
-    return msgspec.json.encode(frozen).decode()
-
-
-def decode(text: str) -> SessionPlan:
-    """Decode the plan that the controller encoded."""
-    return msgspec.json.decode(text, type=SessionPlan)

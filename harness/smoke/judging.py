@@ -180,20 +180,18 @@ def _judge_result(cell: Cell, at: PhaseResult, today: str) -> ItemOutcome:
     line = at.line or f"{at.phase} {at.outcome}"
     match at.outcome:
         case Outcome.PASSED:
-            return ItemOutcome(kind=Kind.PASSED, evidence=at.evidence, seconds=at.seconds)
+            kind, text = Kind.PASSED, ""
         case Outcome.SKIPPED:
-            return ItemOutcome(kind=Kind.SKIPPED, text=f"no meaning here: {line}", seconds=at.seconds)
+            kind, text = Kind.SKIPPED, f"no meaning here: {line}"
         case Outcome.UNAVAILABLE:
-            return ItemOutcome(kind=Kind.SKIPPED, text=f"unavailable: {line}", seconds=at.seconds)
+            kind, text = Kind.SKIPPED, f"unavailable: {line}"
         case Outcome.INFRA | Outcome.NOT_REACHED:
-            kind, line = Kind.INCONCLUSIVE, f"inconclusive: {line}"
+            kind, text = Kind.INCONCLUSIVE, "\n".join((f"inconclusive: {line}", *at.more))
         case Outcome.FAILED | Outcome.CRASHED | Outcome.TIMED_OUT | Outcome.FLAKY:
+            kind, text = Kind.FAILED, "\n".join((line, *at.more))
             if cell.expect and is_expected(cell.expect, at, today):
-                return ItemOutcome(
-                    kind=Kind.XFAILED, text=f"{line} ({cell.expect.reason})", evidence=at.evidence, seconds=at.seconds
-                )
-            kind = Kind.FAILED
-    return ItemOutcome(kind=kind, text="\n".join((line, *at.more)), evidence=at.evidence, seconds=at.seconds)
+                kind, text = Kind.XFAILED, f"{line} ({cell.expect.reason})"
+    return ItemOutcome(kind=kind, text=text, evidence=at.evidence, seconds=at.seconds)
 
 
 def _find_blocker(phase: Phase, phases: Mapping[Phase, PhaseResult]) -> PhaseResult | None:

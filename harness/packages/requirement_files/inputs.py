@@ -13,9 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from packaging.pylock import is_valid_pylock_path
-from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
-from packaging.version import Version
 
 from harness.machine.files import given_files
 from harness.model import schema
@@ -41,13 +39,6 @@ def read(paths: Sequence[Path], extras: Sequence[str] = (), groups: Sequence[str
     _check("extra", extras, known_extras)
     _check("group", groups, known_groups)
     return inputs
-
-
-def newest_python(requires: SpecifierSet | None, candidates: Iterable[str]) -> str | None:
-    """Return the newest of these versions that a requirement allows, a final release before any pre-release."""
-    allowed = [Version(one) for one in candidates if requires is None or requires.contains(one, prereleases=True)]
-    newest = max(allowed, key=lambda version: (not version.is_prerelease, version), default=None)
-    return None if newest is None else str(newest)
 
 
 def _parse(path: Path, extras: Sequence[str] = (), groups: Sequence[str] = ()) -> Parsed:

@@ -101,6 +101,15 @@ class Repository:
 # --- what state it is in ---------------------------------------------------------------------------------------
 
 
+def state_of(source: str, *, offline: bool = False) -> State | None:
+    """Return the state of a repository, a folder or a file as it is now; None if nothing lies there."""
+    if source.startswith(REPOSITORY):
+        return of_repository(source, offline=offline)
+    if Path(source).is_dir():
+        return of_folder(Path(source))
+    return State(mark=sha256_of(Path(source))) if Path(source).is_file() else None
+
+
 def of_folder(folder: Path) -> State:
     """Return the state of a folder, in a git checkout or not."""
     with uv_command.scratch() as work:

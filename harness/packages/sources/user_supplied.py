@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.machine.files.file_locks import exclusive, use
-from harness.machine.store import cache_folder, digest, sha256_of
+from harness.machine.store import cache_folder, digest
 from harness.model import Bring, Brought
 from harness.model.errors import BadInput
 from harness.packages.sources import checkouts
@@ -41,13 +41,8 @@ def absent(bring: Bring) -> str | None:
 def inspect_source(bring: Bring, *, offline: bool = False) -> Source:
     """Return the supplied software in its present state. Raises BadInput if nothing lies at the named place."""
     source = _source(bring)
-    if source.startswith(checkouts.REPOSITORY):
-        state = checkouts.of_repository(source, offline=offline)
-    elif Path(source).is_dir():
-        state = checkouts.of_folder(Path(source))
-    elif Path(source).is_file():
-        state = checkouts.State(mark=sha256_of(Path(source)))
-    else:
+    state = checkouts.state_of(source, offline=offline)
+    if state is None:
         message = f"{bring.variable}: {source} is neither a folder nor an archive; {bring.say}"
         raise BadInput(message)
     fingerprint = Brought(name=bring.name, mark=state.mark, commit=state.commit, changed=state.changed)

@@ -1,7 +1,7 @@
 """Schedule many cells: resolve each question once, make each environment once, reuse results, run several at a time."""
 
 from harness.running.scheduler.control import ControlledRunner
-from harness.running.scheduler.flow import run
+from harness.running.scheduler.flow import run, threads
 from harness.running.scheduler.runner import Prepared, Runner
 from harness.running.scheduler.settings import AUTO, WAITING, Observer, QuietObserver, Settings, default_jobs
 
@@ -20,4 +20,5 @@ __all__ = [
     "run",
     "shared_environment",
     "steps",
+    "threads",
 ]

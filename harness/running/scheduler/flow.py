@@ -116,7 +116,7 @@ class Flow:
         self.order = {cell.id: (-past.seconds(cell), number) for number, cell in enumerate(cells)}
         self.groups.extend(self._grouped(cells))
         # Controls have a thread of their own: `Runner.measure` waits for claims, and would hold up a slot.
-        with _threads(self.at_once, self.room.slots, 1) as (self.first, self.second, self.third):
+        with threads(self.at_once, self.room.slots, 1) as (self.first, self.second, self.third):
             while self.groups or self.preparing or self.ready or self.probing or self.elsewhere or self.controlling:
                 self._prepare()
                 self._probe()
@@ -257,7 +257,7 @@ class Flow:
 
 
 @contextmanager
-def _threads(*sizes: int) -> Iterator[list[ThreadPoolExecutor]]:
+def threads(*sizes: int) -> Iterator[list[ThreadPoolExecutor]]:
     """Yield thread pools; an exception that leaves the block ends them, with every process they started."""
     pools = [ThreadPoolExecutor(max_workers=size, thread_name_prefix="cells") for size in sizes]
     try:

@@ -3,12 +3,11 @@
 from pathlib import Path
 
 import pytest
-from packaging.specifiers import SpecifierSet
 
 from harness.model import IndexSettings
 from harness.model.errors import BadInput
 from harness.packages.requirement_files.asked import Inputs
-from harness.packages.requirement_files.inputs import newest_python, read
+from harness.packages.requirement_files.inputs import read
 
 
 @pytest.fixture(autouse=True)
@@ -477,18 +476,3 @@ class TestFiles:
             read([Path(name)])
 
         assert str(raised.value) == message
-
-
-@pytest.mark.parametrize(
-    ("requires", "candidates", "newest"),
-    [
-        (None, ["3.9.18", "3.13.0", "3.11.7"], "3.13.0"),
-        (">=3.9,<3.12", ["3.9.18", "3.13.0", "3.11.7", "3.11.2"], "3.11.7"),
-        (">=3.12", ["3.9.18", "3.14.0rc2", "3.13.0"], "3.13.0"),
-        (">=3.14.0rc1", ["3.13.0", "3.14.0rc2"], "3.14.0rc2"),
-        ("<3.8", ["3.9.18"], None),
-    ],
-)
-def test_newest_python(requires: str | None, candidates: list[str], newest: str | None) -> None:
-    """The newest that is allowed; a pre-release only where no final release is."""
-    assert newest_python(None if requires is None else SpecifierSet(requires), candidates) == newest
