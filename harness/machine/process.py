@@ -10,7 +10,6 @@ import io
 import marshal
 import os
 import select
-import shlex
 import signal
 import subprocess
 import sys
@@ -327,11 +326,6 @@ def remember(sandbox: str) -> None:
     """Take the sandbox that an earlier process found to be the best, under the same confinement."""
     if sandbox in SANDBOXES:
         _remembered.append(sandbox)
-
-
-def quote(argv: tuple[str, ...]) -> str:
-    """Return a command as a user would type it."""
-    return shlex.join(argv)
 
 
 def _start(command: Command, sandbox: str) -> Running:

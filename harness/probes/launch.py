@@ -152,11 +152,6 @@ class ProbeResult:
         return _content(self.beside if name == LOG else self.left, name, most).decode("utf-8", "replace")
 
 
-def shared_memory_here() -> bool:
-    """Tell whether this machine has a /dev/shm that can be written to."""
-    return os.access("/dev/shm", os.W_OK | os.X_OK)
-
-
 @contextmanager
 def probe(
     site: Site,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -71,7 +72,9 @@ class Laboratory:
     def _host(self, site: launch.Site, ran: launch.ProbeResult, clean: _Cleaner) -> Host:
         """Return the facts of the host. If a run was not plainly good, check whether its environment still stands."""
         done, reply = ran.completed, ran.reply
-        host = replace(self.host, shares_memory=done.sandbox != process.UNSEALED or launch.shared_memory_here())
+        # A sandbox that seals brings a /dev/shm of its own.
+        shared = done.sandbox != process.UNSEALED or os.access("/dev/shm", os.W_OK | os.X_OK)
+        host = replace(self.host, shares_memory=shared)
         ours = done.shot or done.killed or done.timed_out or done.out_of_memory or ran.full
         # Facts come with the first record of a reply: where there are any, Python has started.
         bare = None if reply.facts or ours else bare_start.broken_by_packages(site)

@@ -22,7 +22,6 @@ from harness.model.hostile_data import Unreadable, understanding
 
 CONFIG, PYTHON = "pyvenv.cfg", "bin/python"
 MOST_RECORD, MOST_CONFIG = 64 << 20, 1 << 16
-PIECE = 1 << 20
 
 
 def find_damage(environment: Path, *, thorough: bool) -> Mapping[str, str]:

@@ -19,7 +19,7 @@ import msgspec
 
 from harness.machine import interpreters
 from harness.machine.store import Store, digest, question_key, sha256_of, write_atomic
-from harness.model import Artifact, CellRecord, IndexSettings, Interpreter, Lock, Outcome, Pin, Step
+from harness.model import Artifact, CellRecord, IndexSettings, Lock, Outcome, Pin, Step
 from harness.model.errors import CouldNotTell
 from harness.model.report_types import format_count
 from harness.packages import download_notice, index
@@ -89,14 +89,12 @@ def write(folder: Path, manifest: Manifest) -> None:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Resolved:
-    """A cell on its way: the lock with its files' addresses, or the step or the reason why there is none."""
+    """A cell on its way: its entry, and the lock with its files' addresses; without a lock the entry is complete."""
 
     record: CellRecord
-    interpreter: Interpreter | None = None
+    entry: FetchedCell
     lock: Lock | None = None
-    step: Step | None = None
     built: Mapping[str, BuiltWheel] = field(default_factory=dict)
-    reason: str | None = None
 
 
 @dataclass
@@ -135,23 +133,26 @@ class Collector:
         return tuple(self._python(implementation, version) for implementation, version in sorted(wanted))
 
     def _resolved(self, record: CellRecord) -> _Resolved:
-        """Build a cell's sdists and return the cell with its lock, or with the step or reason why it has none."""
-        interpreter = interpreters.obtain(record.cell.python)
+        """Build a cell's sdists and return the cell with its lock, or with the reason why it has none."""
+        cell, interpreter = record.cell, interpreters.obtain(record.cell.python)
+        entry = FetchedCell(id=cell.id, matrix=cell.matrix, question=offline_bundle.question_mark(cell))
         if record.unavailable or interpreter is None or record.resolve is None:
-            return _Resolved(record=record, reason=record.unavailable or interpreters.hint(record.cell.python))
-        resolution = _Resolved(record=record, interpreter=interpreter)
-        lock = self.store.load_lock(question_key(record.cell.question, interpreter))
+            reason = record.unavailable or interpreters.hint(cell.python)
+            return _Resolved(record=record, entry=msgspec.structs.replace(entry, decisive=reason, complete=False))
+        entry = msgspec.structs.replace(entry, python=interpreter.version, implementation=interpreter.implementation)
+        lock = self.store.load_lock(question_key(cell.question, interpreter))
         if record.lock is None or not isinstance(lock, Lock):
-            return replace(resolution, step=record.install or record.resolve)  # metadata may be what a build makes
+            # Its metadata may be what a build makes, and so an install fails while it is resolved.
+            return _Resolved(record=record, entry=self._failed(entry, record.install or record.resolve))
         try:
-            lock = overlays.provide_wheels(lock, record.cell.question)
+            lock = overlays.provide_wheels(lock, cell.question)
             if not all(pin.artifact.is_wheel for pin in lock.pins):
-                self.say(f"{record.cell.id}: building what has no wheel")
-            wheels = environments.wheels_of(lock, interpreter, record.cell.question)
+                self.say(f"{cell.id}: building what has no wheel")
+            wheels = environments.wheels_of(lock, interpreter, cell.question)
         except StepFailed as failed:
-            return replace(resolution, step=failed.step)
+            return _Resolved(record=record, entry=self._failed(entry, failed.step))
         built = {one.name: self._built(one) for one in wheels if one.mark.startswith(_BUILT)}
-        return replace(resolution, lock=lock, built=built)
+        return _Resolved(record=record, entry=entry, lock=lock, built=built)
 
     def _built(self, wheel: environments.Wheel) -> BuiltWheel:
         key = wheel.mark.removeprefix(_BUILT)
@@ -163,15 +164,9 @@ class Collector:
         return BuiltWheel(key=key, file=name)
 
     def _cell(self, resolution: _Resolved, failures: Mapping[str, str]) -> FetchedCell:
-        cell, mark = resolution.record.cell, offline_bundle.question_mark(resolution.record.cell)
-        entry = FetchedCell(id=cell.id, matrix=cell.matrix, question=mark, decisive=resolution.reason)
-        if resolution.interpreter is None:
-            return msgspec.structs.replace(entry, complete=False)
-        entry = msgspec.structs.replace(
-            entry, python=resolution.interpreter.version, implementation=resolution.interpreter.implementation
-        )
+        entry = resolution.entry
         if resolution.lock is None:
-            return self._failed(entry, resolution.step)
+            return entry
         wheels = [pin.artifact for pin in resolution.lock.pins if pin.artifact.is_wheel]
         lost = [failures[wheel.sha256] for wheel in wheels if wheel.sha256 in failures]
         if lost:
@@ -183,17 +178,16 @@ class Collector:
         answer = self._write(entry, Answer(lock=portable, built=resolution.built))
         return msgspec.structs.replace(entry, answer=answer, lock=lock_file, wheels=tuple(sorted(files)))
 
-    def _failed(self, entry: FetchedCell, step: Step | None) -> FetchedCell:
+    def _failed(self, entry: FetchedCell, step: Step) -> FetchedCell:
         """Return the entry of a cell without a lock.
 
         A fault of the packages is kept as an answer. Another day's trouble is none: the entry is then incomplete.
         """
-        reason = step.decisive if step else None
-        if step is None or step.outcome not in {Outcome.FAILED, Outcome.UNAVAILABLE}:
-            return msgspec.structs.replace(entry, decisive=reason, complete=False)
+        if step.outcome not in {Outcome.FAILED, Outcome.UNAVAILABLE}:
+            return msgspec.structs.replace(entry, decisive=step.decisive, complete=False)
         # The log and the conditions of this machine mean nothing on another one.
         answer = self._write(entry, Answer(step=replace(step, log=None, conditions=None, reused=False)))
-        return msgspec.structs.replace(entry, decisive=reason, answer=answer)
+        return msgspec.structs.replace(entry, decisive=step.decisive, answer=answer)
 
     def _write(self, entry: FetchedCell, answer: Answer) -> str:
         """Put an answer into a file named by its content, so that none is ever changed."""

@@ -25,6 +25,7 @@ from harness.model import (
 )
 from harness.model.errors import BadInput, CouldNotTell
 from harness.packages import uv_failures
+from harness.packages.environments import bytecode
 from harness.packages.step_failed import StepFailed
 from harness.probes import launch
 from harness.probes.evidence import Host
@@ -410,7 +411,7 @@ class Runner(Workshop):
 
     def _stand(self, *used: Environment) -> bool:
         """Tell whether environments are as they were installed; if one is not, later requests get a new one."""
-        from harness.packages.environments import bytecode, environments  # noqa: PLC0415 - start-up
+        from harness.packages.environments import environments  # noqa: PLC0415 - start-up
 
         if all(environments.is_intact(one) for one in used):
             return True

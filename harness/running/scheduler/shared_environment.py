@@ -13,7 +13,7 @@ from harness.machine.store import InstallResult, cache_folder, digest
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import FAMILY
-from harness.packages.environments import first_import
+from harness.packages.environments import bytecode, first_import, site_packages
 from harness.packages.step_failed import StepFailed
 from harness.running.scheduler.settings import Workshop
 
@@ -79,8 +79,6 @@ class Pool:
         self.shop.environments.pop(self.key, None)
 
     def _describe_environment(self, environment: Environment) -> InstallResult:
-        from harness.packages.environments import site_packages  # noqa: PLC0415 - start-up
-
         return InstallResult(
             key=environment.key,
             versions=environment.installed,
@@ -93,8 +91,6 @@ class Pool:
 
     def environment(self) -> Environment:
         """Return the environment itself, from the pool or made now. Raises StepFailed."""
-        from harness.packages.environments import bytecode  # noqa: PLC0415 - start-up
-
         with self.shop.once.turn(("environment", self.key)):
             if self.key not in self.shop.environments:
                 self.shop.observer.step(self.cell, Phase.INSTALL)

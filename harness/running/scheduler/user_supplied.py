@@ -5,21 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from harness.model import Brought, Cell
+from harness.packages.sources import user_supplied
+from harness.packages.sources.user_supplied import Source
 from harness.running.once_per_key import Once
-
-if TYPE_CHECKING:
-    from harness.packages.sources.user_supplied import Source
 
 
 def missing(cell: Cell) -> Iterator[str]:
     """Yield a sentence for each thing that the user has not brought: what to do about it."""
-    if cell.bring:
-        from harness.packages.sources import user_supplied  # noqa: PLC0415 - start-up
-
-        yield from (sentence for bring in cell.bring if (sentence := user_supplied.absent(bring)))
+    yield from (sentence for bring in cell.bring if (sentence := user_supplied.absent(bring)))
 
 
 @dataclass(slots=True)
@@ -41,16 +36,12 @@ class BroughtSoftware:
         """
         if not cell.bring:
             return {}, cell.python_path
-        from harness.packages.sources import user_supplied  # noqa: PLC0415 - start-up
-
         copies = [(source, user_supplied.copy_source(source)) for source in self._sources(cell)]
         folders = (path for source, copy in copies for path in user_supplied.python_path(source, copy))
         return {source.bring.variable: copy for source, copy in copies}, (*cell.python_path, *folders)
 
     def _sources(self, cell: Cell) -> Iterator[Source]:
         for bring in cell.bring:
-            from harness.packages.sources import user_supplied  # noqa: PLC0415 - start-up
-
             with self.once.turn(bring.variable):
                 if bring.variable not in self.seen:
                     self.seen[bring.variable] = user_supplied.inspect_source(bring, offline=self.offline)
