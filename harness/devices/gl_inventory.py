@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import Any
 
 import msgspec
 
@@ -13,7 +12,6 @@ from harness.machine.files import guarded_files
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.process import Command, Limits, Profile, run
 from harness.machine.this_machine import PROBE
-from harness.model.hostile_data import Unreadable
 
 SECONDS = 60.0
 MOST_DEVICES = 32
@@ -49,10 +47,6 @@ def ways() -> Ways:
     return Ways(devices=answers, egl_missing=missing, osmesa=_ask("osmesa"), display=_ask("display"))
 
 
-MOST_ANSWER = 1 << 20
-"""Bytes of what a way of drawing says of itself."""
-
-
 def _ask(way: str) -> Answer:
     """Run the probe for one way and return its answer; `missing` says how its driver crashed or hung."""
     with scratch_folder() as folder:
@@ -66,13 +60,10 @@ def _ask(way: str) -> Answer:
             profile=Profile.HOST,
         )
         done = run(command)
-        try:
-            reply: Any = guarded_files.read_decoded(
-                answer, MOST_ANSWER, lambda text: msgspec.json.decode(text, type=Answer)
-            )
-        except Unreadable:
-            how = f"crashed with signal {done.signal}" if done.signal else "did not answer"
-            # A driver that crashed gave no count, and without one it would pass for a machine without EGL.
-            count = {"count": str(int(way.partition(":")[2]) + 1)} if way.startswith("device:") else {}
-            return {**count, "missing": f"its driver {how}"}
-        return dict(reply)
+        reply = guarded_files.load(answer, Answer)
+    if reply is not None:
+        return reply
+    how = f"crashed with signal {done.signal}" if done.signal else "did not answer"
+    # A driver that crashed gave no count, and without one it would pass for a machine without EGL.
+    count = {"count": str(int(way.partition(":")[2]) + 1)} if way.startswith("device:") else {}
+    return {**count, "missing": f"its driver {how}"}

@@ -9,7 +9,6 @@ import re
 import shutil
 import sys
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -23,7 +22,6 @@ from harness.machine.files import guarded_files
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.process import Command, Completed, Limits, Profile, run
 from harness.machine.store import cache_folder, digest, write_atomic
-from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import readers
 from harness.standalone.failures.lines import normalise
 
@@ -213,9 +211,6 @@ def _hint(need: str, machine: Machine) -> str:
 # --- parts: each a few strings, or `missing`: why it is not there ----------------------------------------------
 
 
-MOST = 16 << 20
-
-
 def _parts() -> dict[str, dict[str, str]]:
     """Return the description of each part; ask again only if something was installed, removed or started."""
     memory, marks = cache_folder() / "machine.json", _marks()
@@ -298,12 +293,10 @@ def _ask(way: str, screen: str = "") -> tuple[dict[str, str], bool]:
                 done = run(seen.command)
         except display.NoDisplayError as error:
             return {"missing": str(error)}, True
-        with suppress(Unreadable):
-            strings = guarded_files.read_decoded(answer, MOST, msgspec.json.Decoder(dict[str, str]).decode)
-            return {
-                name: normalise(text, seen.places) for name, text in strings.items()
-            } if seen.places else strings, True
+        strings = guarded_files.load(answer, dict[str, str])
+    if strings is None:
         return {"missing": f"its driver {_death(done)}"}, done.killed is None and not done.timed_out
+    return {name: normalise(text, seen.places) for name, text in strings.items()} if seen.places else strings, True
 
 
 def _command(argv: tuple[str, ...], env: Mapping[str, str], home: Path, profile: Profile) -> Command:
