@@ -120,8 +120,8 @@ def _compare(
         behaviour_runs.step_from(cell, case, name, opened, settings, board)
         for cell, case in zip((first, second), pair, strict=True)
     ]
-    first, second = (Outputs(arrays, array_files.facts(arrays)) for arrays in outputs)
-    return compare(first, second, bank)
+    mine, theirs = (Outputs(arrays, array_files.facts(arrays)) for arrays in outputs)
+    return compare(mine, theirs, bank)
 
 
 def _entry(

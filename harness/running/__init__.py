@@ -1,11 +1,11 @@
 """Run many cells: open a matrix, lock, reuse, schedule, run controls, split into shards, collect offline bundles."""
 
 __all__ = [
+    "behaviour_runs",
     "case_run",
     "cleanup",
     "controls",
     "lock_files",
-    "once_per_key",
     "open_matrix",
     "own_suites",
     "remedy_trials",

@@ -11,7 +11,7 @@ from harness.machine import free_memory
 from harness.machine.store import InstallResult, Store
 from harness.model import Cell, CellRecord, Interpreter, Lock, Phase, Step
 from harness.packages import uv_command
-from harness.running.once_per_key import Once
+from harness.running.scheduler.steps import Once
 
 if TYPE_CHECKING:
     from harness.packages.environments.environments import Environment

@@ -1,12 +1,14 @@
 """Describe work as steps, each known or still to be done: one description answers what is known, and does the rest.
 
 A way of working is a generator that yields a `Pending` for each step whose result is not stored, is sent the result
-of that step, and returns the result of the whole.
+of that step, and returns the result of the whole. `Once` lets work be done once that several threads ask for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+import threading
+from collections.abc import Callable, Generator, Hashable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -61,3 +63,19 @@ def carry_out(steps: Steps[T]) -> T:
     except StopIteration as end:
         final: T = end.value
         return final
+
+
+class Once:
+    """A guard that lets the work of a key be done once, however many threads ask for it."""
+
+    def __init__(self) -> None:
+        self._locks: dict[Hashable, threading.Lock] = {}
+        self._guard = threading.Lock()
+
+    @contextmanager
+    def turn(self, key: Hashable) -> Iterator[None]:
+        """Hold the key; the first holder does the work, the next holders find it done."""
+        with self._guard:
+            lock = self._locks.setdefault(key, threading.Lock())
+        with lock:
+            yield

@@ -9,7 +9,7 @@ from pathlib import Path
 from harness.model import Brought, Cell
 from harness.packages.sources import user_supplied
 from harness.packages.sources.user_supplied import Source
-from harness.running.once_per_key import Once
+from harness.running.scheduler.steps import Once
 
 
 def missing(cell: Cell) -> Iterator[str]:
