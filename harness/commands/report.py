@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from harness.machine import store
@@ -16,8 +16,8 @@ from harness.model.schema import suggestion
 from harness.reports import document, judge_again, packs, publishing, readme_blocks
 from harness.reports.answers import shipped_reports
 from harness.reports.tables import tables
-from harness.reports.tables.table_types import Pivot, Report
-from harness.reports.text import github_annotations, report_markdown, terminal
+from harness.reports.tables.table_types import Pivot, Report, Sheet
+from harness.reports.text import family_markdown, github_annotations, report_markdown, terminal
 from harness.standalone.output import print_json
 
 HELP = (
@@ -156,9 +156,16 @@ def _write(form: str, whole: Document, report: Report, out: Path) -> None:
 
 def _tables(report: Report) -> str:
     """Return, as Markdown, the place and time of the measurements, then the small tables, each below its legend."""
-    pivots = [sheet.pivot for sheet in report.sheets if sheet.pivot]
-    captioned = [f"{_caption(one)}\n\n{report_markdown.small_table(one)}" for one in pivots]
+    captioned = [text for sheet in report.sheets for text in _captioned(sheet)]
     return "\n".join([f"{report_markdown.coverage(report)}\n", *captioned])
+
+
+def _captioned(sheet: Sheet) -> Iterator[str]:
+    """Yield the tables of a matrix: of families where its behaviour was measured, else the small table."""
+    for table in sheet.families:
+        yield f"{family_markdown.family_legend(table)}\n\n{family_markdown.family_table(table)}"
+    if sheet.pivot and not sheet.families:
+        yield f"{_caption(sheet.pivot)}\n\n{report_markdown.small_table(sheet.pivot)}"
 
 
 def _caption(pivot: Pivot) -> str:

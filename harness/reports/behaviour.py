@@ -21,6 +21,7 @@ from harness.physics.outputs import Bank, Outputs
 from harness.probes import array_files
 from harness.probes.evidence import GIVEN, OUTPUTS
 from harness.probes.vault import MOST_FILE, Vault
+from harness.reports import changelogs
 
 OUTPUT_OF = {"observation": "observation", "reward": "reward", "ended": "termination"}
 """Outputs whose class a case entry names, by the name of it there; the dynamics and the start come with them."""
@@ -172,6 +173,7 @@ class _Task:
             moved={name: pair for name, pair in boundary.moved.items() if name != boundary.axis},
             between=boundary.between,
             text=sentences.describe(comparison),
+            changelog=changelogs.look_up(boundary.axis, (*boundary.between, boundary.after)),
         )
 
     def _compare(self, case_run: _Measured, neighbour: _Measured) -> Comparison:

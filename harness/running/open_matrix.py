@@ -35,17 +35,17 @@ REUSED_FOR_HOURS = 24.0
 
 def built_in() -> dict[str, Path]:
     """Return the matrices that come with the harness, by name."""
-    return {path.stem: path for path in sorted(_matrices().glob("*.toml"))}
+    return {path.stem: path for path in sorted(data_folder().glob("*.toml"))}
 
 
 def recipes(folder: Path) -> dict[str, tuple[Repair, ...]]:
     """Return the repairs of packages by name; recipes in `overlays/` beside a matrix go before those of the harness."""
-    files = [path for place in (_matrices(), folder) for path in sorted((place / OVERLAYS).glob("*.toml"))]
+    files = [path for place in (data_folder(), folder) for path in sorted((place / OVERLAYS).glob("*.toml"))]
     repairs = [overlay_recipes.read(_text(path), str(path)) for path in files]
     return {made[0].name: made for made in repairs}
 
 
-def _matrices() -> Path:
+def data_folder() -> Path:
     """Return the folder of the matrices: beside the package in a checkout, inside it in a wheel."""
     folders = (PACKAGE / "matrices", PACKAGE.parent / "matrices")
     return next((folder for folder in folders if folder.is_dir()), folders[0])

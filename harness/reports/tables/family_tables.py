@@ -28,6 +28,7 @@ class FamilyTable:
     rows: tuple[tuple[str, tuple[str, ...]], ...]
     measured: int
     changed: int
+    tasks: int
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -44,6 +45,7 @@ class Change:
     moved: str
     lines: tuple[tuple[str, str], ...]
     cells: tuple[str, str]
+    changelog: str
 
 
 def tables(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[FamilyTable, ...]:
@@ -68,9 +70,7 @@ def _table(axis: str, rest: tuple[tuple[str, str], ...], cells: list[CellEntry])
     starts = [0, *(n + 1 for n, pair in enumerate(pairwise(range(len(by_release)))) if _differ(families, *pair))]
     ranges = list(pairwise([*starts, len(by_release)]))
     releases = [cell.axes[axis] for cell in by_release]
-    rows = tuple(
-        (env, tuple("".join(dict.fromkeys(families[env][start:end])) for start, end in ranges)) for env in envs
-    )
+    rows = {env: tuple("".join(dict.fromkeys(families[env][start:end])) for start, end in ranges) for env in envs}
     letters = {env: {letter for letter in families[env] if letter != ABSENT} for env in envs}
     return FamilyTable(
         axis=axis,
@@ -79,9 +79,22 @@ def _table(axis: str, rest: tuple[tuple[str, str], ...], cells: list[CellEntry])
             releases[start] if end == start + 1 else f"{releases[start]} to {releases[end - 1]}"
             for start, end in ranges
         ),
-        rows=rows,
+        rows=_joined(rows),
         measured=len(by_release),
-        changed=sum(len(one) > 1 for one in letters.values()),
+        changed=sum(len(family) > 1 for family in letters.values()),
+        tasks=len(envs),
+    )
+
+
+def _joined(rows: dict[str, tuple[str, ...]]) -> tuple[tuple[str, tuple[str, ...]], ...]:
+    """Return the rows, versions of one environment that have the same letters in one: `Ant-v4, v5`."""
+    groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
+    for env, letters in sorted(rows.items()):
+        stem, _, version = env.rpartition("-v")
+        groups.setdefault((stem, letters), []).append(version if stem else env)
+    return tuple(
+        (f"{stem}-v{', v'.join(versions)}" if stem else versions[0], letters)
+        for (stem, letters), versions in groups.items()
     )
 
 
@@ -116,6 +129,7 @@ def _change(group: list[BoundaryEntry]) -> Change:
         moved=moved,
         lines=tuple(lines),
         cells=first.cells,
+        changelog=first.changelog,
     )
 
 

@@ -2,6 +2,7 @@
 
 __all__ = [
     "author_pages",
+    "family_markdown",
     "github_annotations",
     "markdown_texts",
     "platforms",

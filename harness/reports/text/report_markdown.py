@@ -10,6 +10,7 @@ from typing import Any
 from harness.model import Role, Verdict
 from harness.model.report_types import SYMBOLS, UNTOLD, format_count, word
 from harness.reports.tables.table_types import Attempt, Pivot, Remark, Report, Row, Sheet, Square, Task, Trouble
+from harness.reports.text import family_markdown
 from harness.reports.text.markdown_texts import ADDRESS, address, code, file_link, prose, table_cell
 from harness.standalone.control_characters import strip_controls
 
@@ -48,6 +49,8 @@ def filters() -> dict[str, Callable[..., Any]]:
         "counts": _counts,
         "coverage": coverage,
         "files": _files,
+        "family_legend": family_markdown.family_legend,
+        "family_table": family_markdown.family_table,
         "few": _few,
         "first_sentence": first_sentence,
         "left_out": _left_out,

@@ -1,0 +1,23 @@
+"""Write behaviour as Markdown: the table of families, and what changes at each boundary."""
+
+from __future__ import annotations
+
+from harness.reports.tables.family_tables import FamilyTable
+from harness.reports.text.markdown_texts import table_cell
+
+
+def family_table(table: FamilyTable) -> str:
+    """Return a table of families: a row for each environment, a column for each range of releases."""
+    head = [f"environment / {table.axis}", *table.columns]
+    rows = [[env, *letters] for env, letters in table.rows]
+    lines = [head, ["---", *(":-:" for _ in table.columns)], *rows]
+    return "".join(f"| {' | '.join(table_cell(cell) for cell in line)} |\n" for line in lines)
+
+
+def family_legend(table: FamilyTable) -> str:
+    """Explain the letters, and say how many environments change."""
+    return (
+        f"Every release of {table.axis} was stepped from the same states. The same letter in a row: the environment "
+        f"moves, observes, rewards and ends alike, up to rounding. Another letter: it does not. {table.changed} of "
+        f"{table.tasks} environments change somewhere in these {table.measured} releases."
+    )
