@@ -58,6 +58,10 @@ def suite_not_run(suite: PhaseRecord) -> bool:
     return suite.outcome is Outcome.NOT_REACHED and suite.decisive is not None
 
 
+ON_REQUEST = frozenset({Phase.BEHAVE, Phase.INTEROP})
+"""Phases that a case has only where it asks for them."""
+
+
 def counted_cases(evidence: CellRecord) -> Cases:
     """Return the phases of each recorded case, then those of each case of the cell that has no record."""
     recorded_ids = {record.case for record in evidence.cases}
@@ -85,8 +89,8 @@ def _group_by_phase(checks: tuple[str, ...]) -> Mapping[Phase, frozenset[str]]:
 
 
 def counts(record: PhaseRecord) -> bool:
-    """Return whether a phase is reported: always, except the last one if nothing of it was asked for."""
-    return record.phase is not CASE_PHASES[-1] or record.outcome is not Outcome.SKIPPED or bool(record.checks)
+    """Return whether a phase is reported: always, except those that nobody asked for and that no case has unasked."""
+    return record.phase not in ON_REQUEST or record.outcome is not Outcome.SKIPPED or bool(record.checks)
 
 
 def effective(record: PhaseRecord, required: Iterable[str]) -> PhaseRecord:
