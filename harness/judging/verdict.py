@@ -10,7 +10,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from harness.judging.counted_phases import Cases, counts, observed, reason, step_outcome, suite_not_run, suite_phase
+from harness.judging.counted_phases import (
+    ON_REQUEST,
+    Cases,
+    counts,
+    observed,
+    reason,
+    step_outcome,
+    suite_not_run,
+    suite_phase,
+)
 from harness.judging.exercised import ONLY_IMPORT, idle, lacking, nothing_of
 from harness.judging.runs import misleading
 from harness.model import CASE_PHASES, FAILING, CellRecord, Observed, Outcome, Phase, PhaseRecord, Verdict, worst
@@ -67,7 +76,9 @@ def judge(evidence: CellRecord, cases: Cases) -> Judgement:
 
 def _tried_alone(phases: Outcomes) -> str:
     """Name the phases tried in a cell where no environment went through `single`, without which nothing works."""
-    others = [phase for phase in (Phase.VECTOR, Phase.RENDER, Phase.INTEROP) if phases.get(phase) is Outcome.PASSED]
+    others = [
+        phase for phase in (Phase.VECTOR, Phase.RENDER, *sorted(ON_REQUEST)) if phases.get(phase) is Outcome.PASSED
+    ]
     left_out = phases[Phase.SINGLE] is Outcome.SKIPPED
     return f"{' and '.join(others)} passed, but {Phase.SINGLE} was not tried" if others and left_out else ONLY_IMPORT
 
@@ -160,8 +171,8 @@ def _cell_phases(evidence: CellRecord, cases: Sequence[Sequence[PhaseRecord]], s
     phases = {Phase.RESOLVE: resolve, Phase.INSTALL: install}
     for number, phase in enumerate(CASE_PHASES):
         phases[phase] = worst(case[number].outcome for case in cases) if cases else Outcome.NOT_REACHED
-    if not any(counts(case[-1]) for case in cases):
-        phases.pop(Phase.INTEROP, None)
+        if phase in ON_REQUEST and not any(counts(case[number]) for case in cases):
+            del phases[phase]
     if suite:
         phases[Phase.SUITE] = suite.outcome
     return phases

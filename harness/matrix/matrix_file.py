@@ -373,7 +373,7 @@ def _check_change(change: ChangeTable) -> None:
 
 
 def _check_expect(matrix: Matrix, expected: ExpectTable | ChangedTable) -> None:
-    phases = (*CELL_PHASES, Phase.INTEROP, *((Phase.SUITE,) if matrix.suite else ()))
+    phases = (*CELL_PHASES, Phase.BEHAVE, Phase.INTEROP, *((Phase.SUITE,) if matrix.suite else ()))
     message = None
     if expected.verdict not in EXPECTABLE:
         message = f'"{expected.verdict}" does not test packages and cannot be expected'

@@ -128,7 +128,9 @@ def publish(
 
 def pack(report: Document, plan: Plan, records: Iterable[CellRecord], opened: Store, folder: Path) -> None:
     """Store the evidence of a report beside it, so that it can be judged again without this state folder."""
-    packed = packs.Packed(plans=(plan,), machines=report.machines, probes=dict(report.probes), records=tuple(records))
+    packed = packs.Packed(
+        plans=(replace(plan, banks={}),), machines=report.machines, probes=dict(report.probes), records=tuple(records)
+    )
     hashes = packs.write(packed, opened.folder, folder)
     sha = packs.sha256(document.encode(report))
     packs.write_index(folder, packs.Index(judged=report.generated, report=sha, packs=hashes))

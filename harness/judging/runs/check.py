@@ -25,7 +25,10 @@ TAKEN_AWAY = "the environment was removed or changed while it was used"
 UNMEASURED = "unmeasured."
 """The beginning of codes by which a misleading check says that it shows nothing, and refutes nothing either."""
 
-NEEDS = {Phase.SINGLE: Phase.IMPORT} | dict.fromkeys((Phase.VECTOR, Phase.RENDER, Phase.INTEROP), Phase.SINGLE)
+NEEDS = {
+    Phase.SINGLE: Phase.IMPORT,
+    **dict.fromkeys((Phase.VECTOR, Phase.RENDER, Phase.BEHAVE, Phase.INTEROP), Phase.SINGLE),
+}
 """The phase without which another says nothing new."""
 
 DRAWING = "drawing"

@@ -1,6 +1,6 @@
-"""Hold what comparisons say against planted changes of known sizes: `python -m benchmarks.planted [--write]`.
+"""Hold what comparisons say against planted changes of known sizes: `python -m benchmarks.planted.table [--write]`.
 
-Run `simmatrix run planted-changes` first: one scene of MuJoCo, one change in each case, all stepped from one bank of
+Run `simmatrix run benchmarks/planted/planted-changes.toml` first: one scene of MuJoCo, one change in each case, all stepped from one bank of
 states. Each case is compared with the clean one. Clean pairs are those in which nothing was changed that arithmetic
 tells apart: the same scene in another process, and with every number moved by one ulp. `--write` writes `planted.md`.
 """
@@ -26,7 +26,7 @@ from harness.probes.vault import MOST_FILE, Vault
 from harness.reports import publishing
 from harness.running import behaviour_runs, open_matrix
 
-PAGE = Path(__file__).with_suffix(".md")
+PAGE = Path(__file__).parents[1] / "planted.md"
 CLEAN = "clean"
 SAME = frozenset({Class.IDENTICAL, Class.ROUND_OFF})
 EXPECTED: dict[str, frozenset[Class]] = {
@@ -64,11 +64,14 @@ class Planted:
 
 def load() -> tuple[Bank, dict[str, Outputs]]:
     """Return the bank of the matrix and the outputs of each case."""
-    opened, plan = store.open_store(), open_matrix.load("planted-changes", lambda _: None, offline=True)
+    opened, plan = (
+        store.open_store(),
+        open_matrix.load(str(Path(__file__).parent / "planted-changes.toml"), lambda _: None, offline=True),
+    )
     plan = open_matrix.set_instant(plan, opened, offline=True)
     record = publishing.load_record(opened, this_machine.facts().id, plan.cells[0])
     if record is None:
-        sys.exit("run `simmatrix run planted-changes` first")
+        sys.exit("run `simmatrix run benchmarks/planted/planted-changes.toml` first")
     vault = Vault(opened.folder)
     outputs = {}
     for case in record.cases:
@@ -119,7 +122,7 @@ def page(bank: Bank, outputs: dict[str, Outputs], planted: list[Planted]) -> str
     lines = [
         "# Planted changes: what a comparison says of them",
         "",
-        f"Made by `simmatrix run planted-changes` and `python -m benchmarks.planted --write` on "
+        f"Made by `simmatrix run benchmarks/planted/planted-changes.toml` and `python -m benchmarks.planted.table --write` on "
         f"{datetime.now(UTC):%Y-%m-%d}; {platform.machine()}, Python {platform.python_version()}.",
         "",
         f"{len(planted) - len(wrong)} of {len(planted)} right"

@@ -1,0 +1,1 @@
+"""Planted changes of known sizes, and the table of what comparisons say of them."""
