@@ -16,8 +16,8 @@ from pathlib import Path
 
 from harness.running.signatures import shipped_signatures
 from harness.running.signatures.shipped_signatures import HEAD, TAIL
-from harness.standalone.explain.keeping import HEAD as FIRST
-from harness.standalone.explain.keeping import TAIL as LAST
+from harness.standalone.explain.log_excerpt import HEAD as FIRST
+from harness.standalone.explain.log_excerpt import TAIL as LAST
 from harness.standalone.failures import matching
 
 HERE = Path(__file__).parent

@@ -23,7 +23,7 @@ from harness.rootcause.doctor.prove_in_copy import Proof
 from harness.running.signatures import shipped_signatures
 from harness.standalone import wrapping
 from harness.standalone.doctor import doctor
-from harness.standalone.doctor.choosing import NoEnvironment
+from harness.standalone.doctor.environment_choice import NoEnvironment
 from harness.standalone.failures import matching
 from harness.standalone.output import print_json
 

@@ -21,7 +21,7 @@ from harness.reports.answers.recommended_text import wrapped
 from harness.running.signatures import issue_texts, shipped_signatures
 from harness.standalone.explain import explain
 from harness.standalone.explain.explain import HELP, split
-from harness.standalone.explain.wording import Place
+from harness.standalone.explain.explanation_text import Place
 from harness.standalone.failures import matching
 
 __all__ = ["HELP", "Explained", "add_arguments", "main", "signatures", "split"]

@@ -11,10 +11,10 @@ import sys
 from typing import Any, Dict, List, Mapping, Optional, Sequence
 
 from . import output, running, wrapping
-from .doctor import choosing, doctor
-from .doctor.choosing import NoEnvironment
+from .doctor import doctor
+from .doctor.environment_choice import NoEnvironment, find_own_python
 from .explain import explain
-from .explain.wording import Place
+from .explain.explanation_text import Place
 from .failures import remedies
 from .failures.matching import Signature, read
 
@@ -82,7 +82,12 @@ def _doctor(args: argparse.Namespace) -> int:
         raise explain.UsageError(message)
     # Whoever types `/env/bin/python FILE doctor` means /env, even while another environment is active.
     request = doctor.Request(
-        args.python, args.env, dict(os.environ), os.getcwd(), args.rendering, running=choosing.find_own_python()
+        args.python,
+        args.env,
+        dict(os.environ),
+        os.getcwd(),
+        args.rendering,
+        running=find_own_python(),
     )
     document = doctor.document(
         request, running.run, doctor.Knowledge(_load_signatures(), lambda: _load_measurements() or {})

@@ -17,7 +17,7 @@ from harness.machine import interpreters
 from harness.reports import doctor_pyz
 from harness.reports.answers import result_index
 from harness.running.signatures import shipped_signatures
-from harness.standalone.explain import explain, explaining, keeping
+from harness.standalone.explain import explain, explain_text, log_excerpt
 
 SUPPORTED = ("3.7", "3.8", "3.9", "3.10", "3.11", "3.12", "3.13", "3.14")
 BOUND = 2_000_000
@@ -66,8 +66,8 @@ def run(python: str, pyz: Path, *arguments: str, given: bytes = b"", cwd: Path) 
 @pytest.fixture(scope="module")
 def answers() -> dict[str, tuple[int, dict[str, object]]]:
     """Return the host's exit code and answer for each log, using only the data that is shipped with it."""
-    known, here = verb.signatures(), explaining.Facts(measured=result_index.load_shipped())
-    made = {name: explaining.explain_text(text, known, here) for name, text in LOGS.items()}
+    known, here = verb.signatures(), explain_text.Facts(measured=result_index.load_shipped())
+    made = {name: explain_text.explain_text(text, known, here) for name, text in LOGS.items()}
     return {name: (0 if one.cause else explain.UNKNOWN, one.plain()) for name, one in made.items()}
 
 
@@ -160,4 +160,4 @@ def test_a_python_that_is_too_old_is_told_so(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_texts_are_decoded_alike() -> None:
     """Bytes decode to the text that the host explains here."""
-    assert {name: keeping.decode(text.encode()) for name, text in LOGS.items()} == LOGS
+    assert {name: log_excerpt.decode(text.encode()) for name, text in LOGS.items()} == LOGS

@@ -20,7 +20,7 @@ from harness.commands.doctor import Doctored
 from harness.model import Interpreter, schema
 from harness.rootcause.doctor import in_place
 from harness.standalone import running
-from harness.standalone.doctor import doctor, probing
+from harness.standalone.doctor import doctor, inspect_environment
 from harness.standalone.failures import matching
 
 NOTHING = doctor.Knowledge([], lambda: {"cells": [], "locks": {}})
@@ -175,7 +175,7 @@ def test_two_packages_with_the_same_files(place: Place) -> None:
 
 def test_what_dies_or_hangs(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
     """A crash, an exit and an endless import are each reported by name, and later modules are still tried."""
-    monkeypatch.setattr(probing, "SECONDS", 2)
+    monkeypatch.setattr(inspect_environment, "SECONDS", 2)
     place.put("numpy", "1.0", "import os; os.abort()")
     place.put("gym", "1.0", "import sys; sys.exit('no')")
     place.put("mujoco", "1.0", "import os; os._exit(7)")

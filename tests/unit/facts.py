@@ -1,4 +1,4 @@
-"""Build environments as `looking.py` describes them, from the few facts that a test needs."""
+"""Build environments as `describe_environment.py` describes them, from the few facts that a test needs."""
 
 from __future__ import annotations
 

@@ -33,7 +33,8 @@ VENDORED = "vendored"
 
 STANDALONE = frozenset(
     {
-        "__main__", "spawning", "looking", "importing", "seeing", "choosing", "running", "probing", "doctor", "explain",
+        "__main__", "run_command", "describe_environment", "import_modules", "list_renderers", "environment_choice",
+        "running", "inspect_environment", "doctor", "explain",
         "packages", "installing", "wrapping",
     }
 )  # fmt: skip

@@ -26,9 +26,9 @@ from harness.rootcause.doctor.doctor_rendering import RenderingReport
 from harness.running import case_run
 from harness.running.signatures.shipped_signatures import texts
 from harness.standalone import adapters
-from harness.standalone.doctor.choosing import Choice
-from harness.standalone.doctor.declared import NOTE, WARNING, Finding
 from harness.standalone.doctor.differences import versions
+from harness.standalone.doctor.environment_choice import Choice
+from harness.standalone.doctor.package_findings import NOTE, WARNING, Finding
 from harness.standalone.failures.matching import Evidence
 from harness.standalone.keys import SIMULATORS
 from harness.standalone.running import ProcessResult

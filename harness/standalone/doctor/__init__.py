@@ -1,3 +1,3 @@
 """Inspect an environment (`doctor`): the packages it holds, and the problems in it."""
 
-__all__ = ["choosing", "declared", "differences", "doctor"]
+__all__ = ["differences", "doctor", "environment_choice", "package_findings"]

@@ -10,7 +10,7 @@ import os
 from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 from ..versions import canonical
-from .probing import USER_SITE, Viewpoint, describe_environment, imports
+from .inspect_environment import USER_SITE, Viewpoint, describe_environment, imports
 
 FOLDER = "the working folder"
 FIRST = (
@@ -18,7 +18,7 @@ FIRST = (
     " MUJOCO_EGL_DEVICE_ID EGL_DEVICE_ID"
 ).split()
 """The variables that make a difference most often."""
-# Each run starts a Python and imports modules anew, which may take `probing.SECONDS` for each of them.
+# Each run starts a Python and imports modules anew, which may take `inspect_environment.SECONDS` for each of them.
 MOST_RUNS = 32
 
 JsonObject = Mapping[str, Any]

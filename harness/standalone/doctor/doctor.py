@@ -12,12 +12,19 @@ from ..failures import matching
 from ..failures.matching import Evidence
 from ..installing import Installer, installer
 from ..running import Run
-from . import choosing, declared, differences, drawing, nearest, reading
-from .choosing import Choice
-from .declared import NOTE, WARNING, Finding
-from .nearest import Candidate
-from .probing import Viewpoint, run_probes
-from .probing import list_rendering_support as seen_here
+from . import (
+    differences,
+    environment_choice,
+    environment_findings,
+    nearest_combination,
+    package_findings,
+    rendering_findings,
+)
+from .environment_choice import Choice
+from .inspect_environment import Viewpoint, run_probes
+from .inspect_environment import list_rendering_support as seen_here
+from .nearest_combination import Candidate
+from .package_findings import NOTE, WARNING, Finding
 
 JsonObject = Mapping[str, Any]
 SHOWN = 8
@@ -63,7 +70,7 @@ More = Callable[[Choice, JsonObject], Tuple[List[Finding], List[Evidence]]]
 
 def document(request: Request, run: Run, knowledge: Knowledge, more: Optional[More] = None) -> Dict[str, Any]:
     """Inspect an environment and return the document of findings. Raises NoEnvironment if there is none."""
-    choice = choosing.choose_environment(request.python, request.variables, request.folder, request.running)
+    choice = environment_choice.choose_environment(request.python, request.variables, request.folder, request.running)
     scratch = tempfile.mkdtemp(prefix="simmatrix-doctor-")
     try:
         here = Viewpoint(run, choice.python, request.variables, request.folder, scratch)
@@ -83,21 +90,21 @@ def _document(
     apart = differences.differences(here, probes)
     findings = _check_environment(here, probes, looked, apart)
     more_findings, seen = more(choice, looked) if more else ([], [])
-    causes = reading.known_causes(knowledge.signatures, probes, looked, seen)
+    causes = environment_findings.known_causes(knowledge.signatures, probes, looked, seen)
     lurks = [
-        *reading.predict_failures(knowledge.signatures, looked),
-        *reading.find_silent_issues(knowledge.signatures, looked, request.env),
+        *environment_findings.predict_failures(knowledge.signatures, looked),
+        *environment_findings.find_silent_issues(knowledge.signatures, looked, request.env),
     ]
     shown = {hit.signature.id for hit in causes}
     lurks = [one for one in lurks if one.id not in shown]
     measured = knowledge.measured()
-    more_findings += drawing.findings(seen_here(here), here.variables) if request.rendering else []
-    findings += [*more_findings, *map(_report_signature, lurks), *nearest.find_failure(looked, measured)]
+    more_findings += rendering_findings.findings(seen_here(here), here.variables) if request.rendering else []
+    findings += [*more_findings, *map(_report_signature, lurks), *nearest_combination.find_failure(looked, measured)]
     findings.sort(key=_rank)
     issues = [*(hit.signature for hit in causes), *lurks]
-    remedies = reading.versions_asked(issues)
-    near = nearest.find(looked, measured, request.env, remedies, issues)
-    other = None if near or request.env is None else nearest.find(looked, measured, None, remedies, issues)
+    remedies = environment_findings.versions_asked(issues)
+    near = nearest_combination.find(looked, measured, request.env, remedies, issues)
+    other = None if near or request.env is None else nearest_combination.find(looked, measured, None, remedies, issues)
     return {
         "schema": 1,
         "decisive": next((one.text for one in findings if one.level == WARNING), None),
@@ -121,7 +128,7 @@ def _near(
     if near is None:
         return None
     name, there = env
-    combination = nearest.to_dict(looked, near, how, name if there else None)
+    combination = nearest_combination.to_dict(looked, near, how, name if there else None)
     notes = ["{} was made in nothing that was measured".format(name)] if name and not there else []
     return dict(combination, remarks=[*notes, *combination["remarks"]])
 
@@ -132,10 +139,19 @@ def _installer(here: Viewpoint, choice: Choice, looked: JsonObject) -> Installer
 
 def _check_environment(here: Viewpoint, probes: JsonObject, looked: JsonObject, apart: Sequence[Any]) -> List[Finding]:
     """Return the findings of the checks that every environment gets."""
-    findings = [*_check_start(probes, apart), *reading.report_failed_imports(probes, apart), *reading.skipped(probes)]
-    findings += [*reading.find_shadowing(here, looked), *declared.metadata(looked), *declared.conflicts(looked)]
-    findings += [*declared.check_pythons(looked), *declared.conda(looked), *declared.check_gym_mix(looked)]
-    findings += [*reading.twice(probes), *reading.report_differences(here, looked, apart)]
+    findings = [
+        *_check_start(probes, apart),
+        *environment_findings.report_failed_imports(probes, apart),
+        *environment_findings.skipped(probes),
+        *environment_findings.find_shadowing(here, looked),
+        *package_findings.metadata(looked),
+        *package_findings.conflicts(looked),
+        *package_findings.check_pythons(looked),
+        *package_findings.conda(looked),
+        *package_findings.check_gym_mix(looked),
+        *environment_findings.twice(probes),
+        *environment_findings.report_differences(here, looked, apart),
+    ]
     return findings + [Finding("probe", NOTE, "could not be told: " + error) for error in looked["errors"]]
 
 

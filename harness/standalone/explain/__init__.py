@@ -1,3 +1,3 @@
 """Explain a failure from its log (`explain`): its cause, and what to do."""
 
-__all__ = ["explain", "wording"]
+__all__ = ["explain", "explanation_text"]

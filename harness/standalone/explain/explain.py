@@ -17,10 +17,10 @@ from ..installing import installer
 from ..opening import open_file
 from ..packages import Packages
 from ..requirements import requirement
-from . import explaining, keeping, wording
-from .explaining import Explanation, Facts
-from .keeping import Excerpt
-from .wording import Place
+from . import explanation_text, log_excerpt
+from .explain_text import Explanation, Facts, explain_text
+from .explanation_text import Place
+from .log_excerpt import Excerpt
 
 UNKNOWN, BAD, INTERRUPTED = 1, 2, 130
 PINNED = re.compile(r"[A-Za-z0-9][\w.\[\],-]*\s*[=<>~!]")
@@ -68,7 +68,7 @@ def of_text(args: argparse.Namespace, knowledge: Knowledge, place: Place) -> int
         raise UsageError(message)
     around = _find_packages(args.python, ()) if args.python else None
     here = _gather_facts(around, knowledge)
-    explanation = _with_missing(explaining.explain_text(excerpt.text, knowledge.signatures(), here), excerpt)
+    explanation = _with_missing(explain_text(excerpt.text, knowledge.signatures(), here), excerpt)
     if args.json:
         print(json.dumps(explanation.plain()))
     else:
@@ -78,7 +78,7 @@ def of_text(args: argparse.Namespace, knowledge: Knowledge, place: Place) -> int
 
 def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Knowledge, place: Place) -> int:
     """Run a command, and explain it where it fails; its output goes to `place.output_file`. Raises Bad."""
-    from . import spawning  # noqa: PLC0415 - Windows lacks what it needs
+    from . import run_command  # noqa: PLC0415 - Windows lacks what it needs
 
     if not command:
         message = "explain: names no command after --"
@@ -93,7 +93,7 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
     around = _find_packages(args.python, command)
     path = place.output_file or _temporary()
     with open(path, "wb") as log:
-        ended = spawning.run(command, log, apart=args.json)
+        ended = run_command.run(command, log, apart=args.json)
     if ended.code == 0:
         os.unlink(path)
         return _report_nothing(args, ended.code, None)
@@ -104,11 +104,11 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
         # This is the code of Ctrl-C: the user ended the command, and there is no failure to explain.
         return _report_nothing(args, ended.code, "interrupted; what it wrote is in {}".format(path))
     with open(path, "rb") as written:
-        excerpt = keeping.read_excerpt(written.read)
+        excerpt = log_excerpt.read_excerpt(written.read)
     requirements = _find_requirements(command)
     here = _gather_facts(around, knowledge)._replace(failed=True, signal=ended.signal, requirements=requirements)
     explanation = _with_end(
-        _with_missing(explaining.explain_text(excerpt.text, knowledge.signatures(), here), excerpt), ended.code
+        _with_missing(explain_text(excerpt.text, knowledge.signatures(), here), excerpt), ended.code
     )
     if args.json:
         print(json.dumps(explanation.plain()))
@@ -137,7 +137,7 @@ def _complete_place(place: Place, around: Optional[Packages], requirements: Tupl
     return place._replace(
         python=around.python,
         version=around.version,
-        requirements=requirements or tuple(wording.subjects(around.installed)),
+        requirements=requirements or tuple(explanation_text.subjects(around.installed)),
         installer=installer(around.python, around.installed or None),
     )
 
@@ -161,7 +161,8 @@ def _end(ended: Any) -> str:
 
 
 def _print(explanation: Explanation, place: Place, stream: TextIO, *before: str) -> None:
-    text = "\n".join([*before, *wrapping.wrap_lines(wording.lines(explanation, place), wrapping.width(stream))])
+    lines = wrapping.wrap_lines(explanation_text.lines(explanation, place), wrapping.width(stream))
+    text = "\n".join([*before, *lines])
     encoding = getattr(stream, "encoding", None) or "utf-8"
     print(text.encode(encoding, "replace").decode(encoding), file=stream, flush=True)
 
@@ -195,10 +196,10 @@ def _read(file: Optional[str]) -> Excerpt:
         message = "explain: give a FILE, a text on stdin, or a command after --"
         raise UsageError(message)
     if file in {None, "-"}:
-        return keeping.read_excerpt(sys.stdin.buffer.read if sys.stdin else io.BytesIO().read)
+        return log_excerpt.read_excerpt(sys.stdin.buffer.read if sys.stdin else io.BytesIO().read)
     try:
         with open_file(str(file)) as stream:
-            return keeping.read_excerpt(stream.read)
+            return log_excerpt.read_excerpt(stream.read)
     except OSError as error:
         message = "explain: {}: cannot be read: {}".format(file, error.strerror)
         raise UsageError(message) from None

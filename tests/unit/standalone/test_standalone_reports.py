@@ -12,7 +12,7 @@ from harness.model.report_types import CellEntry
 from harness.reports import document
 from harness.reports.tables import counted_failures
 from harness.running.signatures import shipped_signatures
-from harness.standalone.explain.explaining import Explanation, Facts, explain_text
+from harness.standalone.explain.explain_text import Explanation, Facts, explain_text
 from harness.standalone.failures import matching
 
 ROOT = Path(__file__).parents[3]

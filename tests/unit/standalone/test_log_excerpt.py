@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from harness.standalone.explain import keeping, telling
+from harness.standalone.explain import failure_text, log_excerpt
 
 LINE = b"Episode %07d: reward 1.5, all is well and goes on as it went before\n"
 TRACE = b"""\
@@ -34,31 +34,31 @@ def log(count: int, *inside: bytes) -> bytes:
 def test_a_short_text_is_kept_as_it_is() -> None:
     """Nothing is left out, nothing added."""
     text = log(10, TRACE % (1, b"wings"))
-    assert keeping.read_excerpt(io.BytesIO(text).read) == (text.decode(), len(text), 0)
+    assert log_excerpt.read_excerpt(io.BytesIO(text).read) == (text.decode(), len(text), 0)
 
 
 @pytest.fixture(autouse=True)
 def little(monkeypatch: pytest.MonkeyPatch) -> None:
     """Divide the bounds by one hundred, for quick tests."""
     for name, value in (("HEAD", 2560), ("TAIL", 10_240), ("MIDDLE", 10_240), ("CHUNK", 10_240)):
-        monkeypatch.setattr(keeping, name, value)
+        monkeypatch.setattr(log_excerpt, name, value)
 
 
 @pytest.mark.parametrize("chunk", [2000, 7000, 10_240])
 def test_a_long_text_keeps_its_ends_and_its_tracebacks(chunk: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Wherever the pieces end; the same traceback at another line not again and again; a chain stays a chain."""
-    monkeypatch.setattr(keeping, "CHUNK", chunk)
+    monkeypatch.setattr(log_excerpt, "CHUNK", chunk)
     text = log(900, *(TRACE % (n, b"wings") for n in range(40)), TRACE % (3, b"wheels"))
-    kept = keeping.read_excerpt(io.BytesIO(text).read)
+    kept = log_excerpt.read_excerpt(io.BytesIO(text).read)
     assert kept.size == len(text)
     assert kept.text.startswith(text[:1000].decode())
     assert kept.text.endswith(text[-1000:].decode())
-    assert len(kept.text) < keeping.HEAD + keeping.TAIL + keeping.MIDDLE
+    assert len(kept.text) < log_excerpt.HEAD + log_excerpt.TAIL + log_excerpt.MIDDLE
     assert 1 <= kept.text.count("ValueError: no wings") <= 6
     assert kept.text.count("ValueError: no wheels") == 1
     assert "During handling" in kept.text
     assert abs(kept.size - kept.missing - len(kept.text)) < 200
-    assert telling.read_failure(kept.text).lines[0] == "ValueError: no wheels"
+    assert failure_text.read_failure(kept.text).lines[0] == "ValueError: no wheels"
 
 
 def test_an_endless_traceback_is_cut() -> None:
@@ -68,14 +68,14 @@ def test_an_endless_traceback_is_cut() -> None:
         + b'  File "a.py", line 3, in recurse\n' * 1000
         + b"RecursionError: x\n\n"
     )
-    kept = keeping.read_excerpt(io.BytesIO(log(200) + endless + log(600)).read)
-    assert len(kept.text) < keeping.HEAD + keeping.TAIL + keeping.MIDDLE + keeping.CHUNK
+    kept = log_excerpt.read_excerpt(io.BytesIO(log(200) + endless + log(600)).read)
+    assert len(kept.text) < log_excerpt.HEAD + log_excerpt.TAIL + log_excerpt.MIDDLE + log_excerpt.CHUNK
 
 
 def test_lines_without_an_end_are_kept_within_bounds() -> None:
     """A progress bar of many megabytes is one line."""
-    kept = keeping.read_excerpt(io.BytesIO(b"\r 10%|##   |" * 5000).read)
-    assert (kept.size, len(kept.text) < 2 * (keeping.HEAD + keeping.TAIL + keeping.CHUNK)) == (60_000, True)
+    kept = log_excerpt.read_excerpt(io.BytesIO(b"\r 10%|##   |" * 5000).read)
+    assert (kept.size, len(kept.text) < 2 * (log_excerpt.HEAD + log_excerpt.TAIL + log_excerpt.CHUNK)) == (60_000, True)
 
 
 @pytest.mark.parametrize(
@@ -90,4 +90,4 @@ def test_lines_without_an_end_are_kept_within_bounds() -> None:
 )
 def test_whatever_the_bytes_are_there_is_a_text(content: bytes, text: str) -> None:
     """Hurt UTF-8, and what PowerShell redirects."""
-    assert keeping.read_excerpt(io.BytesIO(content).read).text == text
+    assert log_excerpt.read_excerpt(io.BytesIO(content).read).text == text

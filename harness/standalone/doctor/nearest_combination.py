@@ -15,8 +15,8 @@ from ..installing import Installer
 from ..keys import SIMULATORS, weight
 from ..requirements import Requirement, requirement
 from ..versions import is_version, version
-from .declared import NOTE, WARNING, Finding, find_violations
 from .differences import versions
+from .package_findings import NOTE, WARNING, Finding, find_violations
 
 JsonObject = Mapping[str, Any]
 PYTHON, UNCOVERED, FARTHEST = 8, 20, 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from harness.standalone.doctor import drawing
+from harness.standalone.doctor import rendering_findings
 
 ALL = {"egl": None, "osmesa": None, "gl": None}
 
@@ -38,11 +38,11 @@ ALL = {"egl": None, "osmesa": None, "gl": None}
 )  # fmt: skip
 def test_settings(libraries: dict[str, str | None], variables: dict[str, str], said: list[str]) -> None:
     """Settings that cannot draw give a warning, with the variable to change or the package to install."""
-    found = drawing.findings({"libraries": libraries, "devices": []}, variables)
+    found = rendering_findings.findings({"libraries": libraries, "devices": []}, variables)
 
     assert [one.text for one in found if one.level == "warning"] == said
 
 
 def test_what_cannot_be_told() -> None:
     """Without facts there is one note, and nothing is made up."""
-    assert [one.level for one in drawing.findings({}, {})] == ["note"]
+    assert [one.level for one in rendering_findings.findings({}, {})] == ["note"]

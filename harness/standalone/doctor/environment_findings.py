@@ -11,9 +11,9 @@ from ..failures.silent import concerns
 from ..keys import MODULES
 from ..requirements import requirement
 from ..versions import canonical
-from .declared import NOTE, WARNING, Finding
 from .differences import FIRST, Difference, versions
-from .probing import USER_SITE, Viewpoint
+from .inspect_environment import USER_SITE, Viewpoint
+from .package_findings import NOTE, WARNING, Finding
 
 JsonObject = Mapping[str, Any]
 STEM = re.compile(r"^(lib[A-Za-z+]+?)[-.\d]")

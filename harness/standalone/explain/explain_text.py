@@ -11,9 +11,8 @@ from ..failures.lines import MASKS, shorten_line
 from ..failures.matching import Around, Diagnosis, Evidence
 from ..requirements import requirement
 from ..versions import specifiers, unsatisfiable
-from . import telling
-from .hinting import Hints, hints
-from .telling import Failure
+from .failure_text import Failure, read_failure
+from .version_hints import Hints, hints
 
 NOTE, WARNING = "note", "warning"
 CHANGING = re.compile(r"\bline \d+|0x[0-9a-f…]+|\d+(?:\.\d+)+|(?:/[\w.+-]+){2,}")
@@ -119,7 +118,7 @@ def _diagnosis(hit: Diagnosis, phase: Optional[str]) -> Dict[str, Any]:
 
 def explain_text(text: str, signatures: Sequence[matching.Signature], here: Facts = NOTHING) -> Explanation:
     """Explain a text that may still contain a terminal's control sequences."""
-    failure = telling.read_failure(text, surely=here.failed or here.signal is not None)
+    failure = read_failure(text, surely=here.failed or here.signal is not None)
     text_hints = hints(failure.text)
     killed = here.signal or failure.signal
     sure, could = _candidates(signatures, _around(here, text_hints, failure), here.python or text_hints.python)

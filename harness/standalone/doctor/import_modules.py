@@ -1,4 +1,4 @@
-"""Import modules one after the other, each within a time limit: `python -B importing.py FILE SECONDS MODULE...`.
+"""Import modules one after the other, each within a time limit: `python -B import_modules.py FILE SECONDS MODULE...`.
 
 Run by the interpreter of an environment. FILE gets one line of JSON when an import starts and one when it has ended;
 what ends the process meanwhile, a crash or SIGALRM, is thereby known, too.

@@ -40,7 +40,7 @@ def test_looks(version: str, tmp_path: Path) -> None:
     python = bare(version, tmp_path / "env")
 
     for flags in ((), ("-I", "-S")):
-        argv = (python, "-B", *flags, STANDALONE / "doctor" / "looking.py")
+        argv = (python, "-B", *flags, STANDALONE / "doctor" / "describe_environment.py")
         told = json.loads(subprocess.run(argv, capture_output=True, text=True, check=True, cwd=tmp_path).stdout)
 
         assert told["python"]["version"].startswith(version)
@@ -56,7 +56,7 @@ def test_imports(version: str, tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text("__version__ = '7'\n")
     target = tmp_path / "told"
 
-    argv = (python, "-B", STANDALONE / "doctor" / "importing.py", target, "30", "mine", "json", "no_such_thing")
+    argv = (python, "-B", STANDALONE / "doctor" / "import_modules.py", target, "30", "mine", "json", "no_such_thing")
     subprocess.run(argv, check=True, cwd=tmp_path)
 
     told = [json.loads(line) for line in target.read_text().splitlines()]

@@ -9,7 +9,7 @@ from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence
 from ..failures.matching import Diagnosis
 from ..failures.remedies import in_words
 from ..installing import Installer, installer
-from .explaining import Explanation
+from .explain_text import Explanation
 
 FAULTS = "PYTHONFAULTHANDLER"
 LIKE_IT = 2

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from builders import standalone_signature
 
-from harness.standalone.explain import explaining, hinting, telling
-from harness.standalone.explain.explaining import Facts
+from harness.standalone.explain import explain_text, failure_text, version_hints
+from harness.standalone.explain.explain_text import Facts
 from harness.standalone.failures import matching
 
 TRACE = """\
@@ -160,7 +160,7 @@ So, because lab depends on robotics (1.3), version solving failed.
 )
 def test_what_is_told(text: str, decisive: str, phase: str | None) -> None:
     """Of every kind of text the line that a person would quote, and where it failed."""
-    told = telling.read_failure(text)
+    told = failure_text.read_failure(text)
     assert (told.decisive, told.phase, told.failed) == (decisive, phase, True)
 
 
@@ -181,13 +181,13 @@ def test_what_is_told(text: str, decisive: str, phase: str | None) -> None:
 )
 def test_a_traceback_is_seen_through_what_stands_around_it(changed) -> None:
     """Line ends, prefixes of workers and services, colours, progress bars, other output."""
-    assert telling.read_failure(changed(TRACE)).decisive == "ValueError: no wings"
+    assert failure_text.read_failure(changed(TRACE)).decisive == "ValueError: no wings"
 
 
 def test_what_pytest_prints_is_a_failure() -> None:
     """Its marks before each line are no part of it."""
     text = "    def test_it():\n>       fly()\nE       ValueError: no wings\n\ntest_it.py:3: ValueError\n"
-    assert telling.read_failure(text).decisive == "ValueError: no wings"
+    assert failure_text.read_failure(text).decisive == "ValueError: no wings"
 
 
 @pytest.mark.parametrize(
@@ -205,9 +205,9 @@ def test_what_pytest_prints_is_a_failure() -> None:
 )
 def test_where_nothing_failed_that_is_said(text: str) -> None:
     """An honest answer to a log of something that went well."""
-    told = telling.read_failure(text)
+    told = failure_text.read_failure(text)
     assert (told.failed, told.decisive) == (False, None)
-    assert explaining.explain_text(text, [KNOWN]).diagnoses == ()
+    assert explain_text.explain_text(text, [KNOWN]).diagnoses == ()
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_where_nothing_failed_that_is_said(text: str) -> None:
 )
 def test_what_killed_a_process(text: str, name: str | None) -> None:
     """The signal is read from the words of Python, of shells and of subprocess."""
-    assert telling.read_failure(text).signal == name
+    assert failure_text.read_failure(text).signal == name
 
 
 # --- hints -----------------------------------------------------------------------------------------------------
@@ -250,7 +250,7 @@ def test_what_killed_a_process(text: str, name: str | None) -> None:
 )  # fmt: skip
 def test_versions_are_told_in_passing(text: str, python: str | None, packages: dict[str, str]) -> None:
     """Of paths, of installers and of lists; what is told twice and differently is not told."""
-    assert hinting.hints(text) == (python, packages)
+    assert version_hints.hints(text) == (python, packages)
 
 
 # --- known causes ----------------------------------------------------------------------------------------------
@@ -265,26 +265,26 @@ KILLED = standalone_signature("killed", None, signal="SIGSEGV", packages=["arms"
 
 def named(text: str, *those: matching.Signature, **here: object) -> list[str]:
     """Return the ids of the failures recognised in a text."""
-    return [hit.signature.id for hit in explaining.explain_text(text, those, Facts(**here)).diagnoses]  # type: ignore[arg-type]
+    return [hit.signature.id for hit in explain_text.explain_text(text, those, Facts(**here)).diagnoses]  # type: ignore[arg-type]
 
 
 def test_the_deepest_cause_comes_first_and_its_mask_last() -> None:
     """The worker's exception goes before what its parent saw."""
     assert named(CHAIN, ECHO, MODEL) == ["model", "echo"]
-    assert explaining.explain_text(CHAIN, [ECHO]).cause is None
+    assert explain_text.explain_text(CHAIN, [ECHO]).cause is None
 
 
 def test_a_failure_that_hides_others_counts_where_nothing_is_behind_it() -> None:
     """But a process that only saw another die knows nothing."""
     hides = standalone_signature("hides", "no wings", masks=True)
-    assert explaining.explain_text(TRACE, [hides]).cause is not None
-    assert explaining.explain_text(CHAIN.replace("OSError", "EOFError"), [ECHO]).cause is None
-    assert explaining.explain_text("no wings\n\n" + TRACE.replace("no wings", "no wheels"), [hides]).cause is None
+    assert explain_text.explain_text(TRACE, [hides]).cause is not None
+    assert explain_text.explain_text(CHAIN.replace("OSError", "EOFError"), [ECHO]).cause is None
+    assert explain_text.explain_text("no wings\n\n" + TRACE.replace("no wings", "no wheels"), [hides]).cause is None
 
 
 def test_a_trouble_of_the_machine_is_no_package_s() -> None:
     """Trouble of the machine is not called an unknown failure of a package."""
-    made = explaining.explain_text("OSError: [Errno 28] No space left on device\n", [])
+    made = explain_text.explain_text("OSError: [Errno 28] No space left on device\n", [])
     assert [(check, level) for check, level, _ in made.findings] == [("machine", "warning")]
 
 
@@ -298,7 +298,7 @@ def test_a_broad_cause_needs_its_packages() -> None:
     assert named(TRACE, BROAD, installed={"gym": "0.26.2"}) == ["broad"]
     assert named(TRACE, BROAD, installed={"gym": "0.21.0"}) == []
     assert named("gym==0.21.0\n" + TRACE, BROAD) == []
-    made = explaining.explain_text(TRACE, [BROAD])
+    made = explain_text.explain_text(TRACE, [BROAD])
     assert [hit.signature.id for hit in made.diagnoses] == ["broad"]
     assert made.findings[0][2] == "the text does not tell versions: this is the cause if `gym>=0.26` is installed"
 
@@ -306,7 +306,7 @@ def test_a_broad_cause_needs_its_packages() -> None:
 def test_two_broad_causes_are_only_possible() -> None:
     """Two broad causes stay possible, since a text without versions cannot decide between them."""
     other = standalone_signature("other", "no wings", generic=True, packages=["gym<0.26"])
-    made = explaining.explain_text(TRACE, [BROAD, other])
+    made = explain_text.explain_text(TRACE, [BROAD, other])
     assert (made.diagnoses, [check for check, _, _ in made.findings]) == ((), ["possible", "possible"])
 
 
@@ -329,7 +329,7 @@ def test_another_python_speaks_against_a_cause() -> None:
 def test_what_a_log_mentions_is_no_cause_of_an_exception() -> None:
     """A notice that stands in the same log is told besides."""
     notice = standalone_signature("notice", "is unmaintained")
-    made = explaining.explain_text("gym is unmaintained\n" + TRACE, [notice])
+    made = explain_text.explain_text("gym is unmaintained\n" + TRACE, [notice])
     assert (made.diagnoses, made.findings[0][0]) == ((), "besides")
     assert named("gym is unmaintained\n" + TRACE, notice, KNOWN) == ["wings"]
 
@@ -348,7 +348,7 @@ def test_a_log_of_what_went_well_has_no_cause() -> None:
     notice = standalone_signature("notice", "is unmaintained")
     assert named("gym is unmaintained\n", notice) == ["notice"]
     assert named("gym is unmaintained\n" + "Episode 1: reward 2\n" * 9, notice) == []
-    wordless = explaining.explain_text(
+    wordless = explain_text.explain_text(
         "gym is unmaintained\n" + "Episode 1: reward 2\n" * 9, [notice], Facts(failed=True)
     )
     assert (wordless.diagnoses, wordless.findings[0][0]) == ((), "besides")
@@ -369,7 +369,7 @@ def test_what_is_installed_does_not_speak_against_what_is_being_installed() -> N
 def test_a_failure_that_came_after_another_is_told() -> None:
     """The known one is not the last that failed."""
     text = TRACE + "\n" + TRACE.replace("no wings", "no wheels")
-    made = explaining.explain_text(text, [KNOWN])
+    made = explain_text.explain_text(text, [KNOWN])
     assert [hit.signature.id for hit in made.diagnoses] == ["wings"]
     assert made.findings[0][2].endswith("a failure of its own: ValueError: no wheels")
 
@@ -380,17 +380,17 @@ def test_measured_cells_are_named() -> None:
         {"id": "m/a", "causes": ["wings"], "decisive": "x", "requirements": ["gym==1"]},
         {"id": "m/b", "causes": [], "decisive": "ValueError: no wings", "requirements": ["gym==2"]},
     ]
-    assert explaining.explain_text(TRACE, [KNOWN], Facts(measured={"cells": cells})).findings == (
+    assert explain_text.explain_text(TRACE, [KNOWN], Facts(measured={"cells": cells})).findings == (
         ("measured", "note", "measured here, too: m/a (gym==1)"),
     )
-    assert explaining.explain_text(TRACE, [], Facts(measured={"cells": cells})).findings == (
+    assert explain_text.explain_text(TRACE, [], Facts(measured={"cells": cells})).findings == (
         ("measured", "note", "measured here, too: m/b (gym==2)"),
     )
 
 
 def test_the_document_is_that_of_the_contract() -> None:
     """`schema`, `decisive`, `diagnoses`, `findings`, and the phase."""
-    made = explaining.explain_text(TRACE, [KNOWN]).plain()
+    made = explain_text.explain_text(TRACE, [KNOWN]).plain()
     assert made["decisive"] == "ValueError: no wings"
     assert made["phase"] == "single"
     assert made["diagnoses"] == [

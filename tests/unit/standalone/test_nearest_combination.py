@@ -7,7 +7,7 @@ from typing import Any
 from builders import measured_cell
 from facts import distribution, facts, installed
 
-from harness.standalone.doctor import nearest
+from harness.standalone.doctor.nearest_combination import find, find_failure, to_dict
 from harness.standalone.failures import matching
 from harness.standalone.installing import PIP
 
@@ -36,8 +36,8 @@ def near(
     issues: tuple[matching.Signature, ...] = (),
 ) -> Any:
     """Return the plain answer, or None if there is none."""
-    found = nearest.find(made, measured(*cells), env, remedies, issues)
-    return nearest.to_dict(made, found, PIP) if found else None
+    found = find(made, measured(*cells), env, remedies, issues)
+    return to_dict(made, found, PIP) if found else None
 
 
 def test_the_fewest_changes_of_weight() -> None:
@@ -176,12 +176,12 @@ def test_what_was_measured_to_fail() -> None:
     made = installed(gym="0.26.2", numpy="2.2.6")
     red = cell("red", "broken", gym="0.26.2", numpy="2.2.6")
 
-    (found,) = nearest.find_failure(made, measured(red))
+    (found,) = find_failure(made, measured(red))
 
     assert found.text == "measured with these versions (m/red), CartPole-v1 fails in single: AttributeError: no"
-    assert nearest.find_failure(made, measured(red, cell("green", gym="0.26.2", numpy="2.2.6"))) == []
-    assert nearest.find_failure(made, measured(cell("red", "broken", gym="0.26.2", numpy="2.2.6", brax="0.9"))) == []
-    assert nearest.find_failure(installed(gym="0.26.2", numpy="1.26.4"), measured(red)) == []
+    assert find_failure(made, measured(red, cell("green", gym="0.26.2", numpy="2.2.6"))) == []
+    assert find_failure(made, measured(cell("red", "broken", gym="0.26.2", numpy="2.2.6", brax="0.9"))) == []
+    assert find_failure(installed(gym="0.26.2", numpy="1.26.4"), measured(red)) == []
 
 
 def test_a_cell_that_is_not_plainly_good_is_never_the_nearest() -> None:
@@ -192,10 +192,10 @@ def test_a_cell_that_is_not_plainly_good_is_never_the_nearest() -> None:
     wrong = {**cell("wrong", **lock), "verdict": "misleads", "decisive": "looks elsewhere"}
     wrong["cases"][0]["misleads"] = ["render.camera"]
 
-    assert nearest.find(made, measured(doubtful)) is None
-    assert nearest.find(made, measured(wrong)) is None
-    assert nearest.find_failure(made, measured(doubtful)) == []
-    (told,) = nearest.find_failure(made, measured(wrong))
+    assert find(made, measured(doubtful)) is None
+    assert find(made, measured(wrong)) is None
+    assert find_failure(made, measured(doubtful)) == []
+    (told,) = find_failure(made, measured(wrong))
     assert (told.level, told.text) == (
         "warning",
         "measured with these versions (m/wrong), CartPole-v1 misleads: looks elsewhere",

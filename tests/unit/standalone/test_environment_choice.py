@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.standalone.doctor.choosing import NoEnvironment, choose_environment
+from harness.standalone.doctor.environment_choice import NoEnvironment, choose_environment
 
 
 def environment(folder: Path) -> Path:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any, Dict, Iterator, List, Mapping
 
-from .declared import NOTE, WARNING, Finding
+from .package_findings import NOTE, WARNING, Finding
 
 NAMES = {"egl": "EGL (libEGL.so.1)", "osmesa": "OSMesa (libOSMesa.so.8)", "gl": "OpenGL (libGL.so.1)"}
 DEBIAN = {"egl": "libegl1 libgl1-mesa-dri", "osmesa": "libosmesa6", "gl": "libgl1"}

@@ -10,7 +10,7 @@ from typing import Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from ..failures import lines as said
 from ..failures.lines import EXCEPTION, FRAME, MASKS, shorten_line, strip_ansi
-from .installers import installer
+from .installer_errors import installer
 
 START = "Traceback (most recent call last):"
 PREFIXED = re.compile(r"^(\s*\S.{0,150}?)Traceback \(most recent call last\):\s*$")

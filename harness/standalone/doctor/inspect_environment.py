@@ -66,7 +66,7 @@ def describe_environment(here: Viewpoint, name: str, *flags: str) -> Dict[str, A
     """Return the interpreter's description of its environment; if it gives none, `trouble` is the reason."""
     target = os.path.join(here.scratch, name + ".json")
     # -B keeps bytecode out of the environment. The answer goes to a file, because the output mixes both streams.
-    argv = [here.python, "-B", *flags, _script(here, "looking.py"), target]
+    argv = [here.python, "-B", *flags, _script(here, "describe_environment.py"), target]
     ran = here.run(argv, here.variables, here.folder, LOOKING_SECONDS)
     try:
         with open(target, encoding="ascii") as file:
@@ -80,7 +80,7 @@ def describe_environment(here: Viewpoint, name: str, *flags: str) -> Dict[str, A
 def list_rendering_support(here: Viewpoint) -> Dict[str, Any]:
     """Return the rendering libraries and devices found here; empty if they cannot be determined."""
     target = os.path.join(here.scratch, "seen.json")
-    here.run([here.python, "-B", _script(here, "seeing.py"), target], here.variables, here.folder, 30.0)
+    here.run([here.python, "-B", _script(here, "list_renderers.py"), target], here.variables, here.folder, 30.0)
     try:
         with open(target, encoding="ascii") as file:
             return dict(json.load(file))
@@ -145,8 +145,8 @@ def _together(here: Viewpoint, names: Sequence[str]) -> Dict[str, Dict[str, Any]
         target = os.path.join(here.scratch, "imports.jsonl")
         if os.path.exists(target):
             os.unlink(target)
-        argv = [here.python, "-B", _script(here, "importing.py"), target, str(SECONDS), *waiting]
-        # The alarm in `importing.py` ends one slow import; this limit is for a process that the alarm does not end.
+        argv = [here.python, "-B", _script(here, "import_modules.py"), target, str(SECONDS), *waiting]
+        # The alarm in `import_modules.py` ends one slow import; this limit ends a process that the alarm does not.
         ran = here.run(argv, here.variables, here.folder, SECONDS * len(waiting) + 30.0)
         records = list(_lines(target))
         results.update({one["module"]: dict(one, output="") for one in records if not one["started"]})

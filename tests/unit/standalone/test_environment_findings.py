@@ -8,14 +8,23 @@ import pytest
 from builders import standalone_signature
 from facts import SITE, distribution, facts, installed
 
-from harness.standalone.doctor import declared, reading
+from harness.standalone.doctor import package_findings
 from harness.standalone.doctor.differences import Difference
-from harness.standalone.doctor.probing import Viewpoint
+from harness.standalone.doctor.environment_findings import (
+    find_shadowing,
+    find_silent_issues,
+    known_causes,
+    predict_failures,
+    report_differences,
+    report_failed_imports,
+    twice,
+)
+from harness.standalone.doctor.inspect_environment import Viewpoint
 from harness.standalone.failures.matching import Evidence, Signature, read
 from harness.standalone.running import ProcessResult
 
 
-def texts(findings: list[declared.Finding]) -> list[str]:
+def texts(findings: list[package_findings.Finding]) -> list[str]:
     """Return level and text of each finding."""
     return [f"{one.level}: {one.text}" for one in findings]
 
@@ -40,7 +49,7 @@ def test_a_version_that_is_not_asked_for() -> None:
         distribution("numpy", "2.2.6"),
     )
 
-    assert texts(declared.conflicts(made)) == [
+    assert texts(package_findings.conflicts(made)) == [
         "warning: numpy 2.2.6 is not what dm-control 1.0.0 (numpy<2), mujoco 3.0.0 (numpy<2) needs",
         "warning: measure 1.0 is not what ruler 1.0 (measure>=2) needs",
     ]
@@ -51,8 +60,8 @@ def test_markers_and_extras_count() -> None:
     lines = ('tomli; python_version < "3.11"', 'imageio>=2; extra == "mujoco"')
     api = distribution("gymnasium", "1.0.0", *lines)
 
-    alone = declared.conflicts(facts(api))
-    asked = declared.conflicts(facts(api, distribution("robots", "1.0", "gymnasium[mujoco]")))
+    alone = package_findings.conflicts(facts(api))
+    asked = package_findings.conflicts(facts(api, distribution("robots", "1.0", "gymnasium[mujoco]")))
 
     assert texts(alone) == []
     assert texts(asked) == ["warning: imageio is missing, which gymnasium 1.0.0 (imageio>=2) needs"]
@@ -62,14 +71,14 @@ def test_a_package_under_another_name() -> None:
     """A package that conda names differently is only a note, since its module is there."""
     made = facts(distribution("robosuite", "1.4.1", "opencv-python"), importable=["cv2"])
 
-    assert [one.level for one in declared.conflicts(made)] == ["note"]
+    assert [one.level for one in package_findings.conflicts(made)] == ["note"]
 
 
 def test_pythons() -> None:
     """A package that excludes this Python gives a warning."""
     made = facts(distribution("gym", "0.21.0", requires_python="<3.11"))
 
-    assert texts(declared.check_pythons(made)) == ["warning: gym 0.21.0 requires Python <3.11, this is 3.11.7"]
+    assert texts(package_findings.check_pythons(made)) == ["warning: gym 0.21.0 requires Python <3.11, this is 3.11.7"]
 
 
 def test_broken_metadata() -> None:
@@ -92,14 +101,16 @@ def test_broken_metadata() -> None:
         ],
     )
 
-    assert [(one.check, one.level) for one in declared.metadata(made)] == [
+    assert [(one.check, one.level) for one in package_findings.metadata(made)] == [
         ("metadata.broken", "warning"),
         ("metadata.duplicate", "warning"),
         ("metadata.files", "warning"),
         ("modules.claimed", "warning"),
         ("metadata.leftover", "note"),
     ]
-    assert "opencv-python and opencv-python-headless have 9 file(s) in common" in texts(declared.metadata(made))[3]
+    assert (
+        "opencv-python and opencv-python-headless have 9 file(s) in common" in texts(package_findings.metadata(made))[3]
+    )
 
 
 @pytest.mark.parametrize(
@@ -120,7 +131,7 @@ def test_gym_beside_gymnasium(more: tuple[dict[str, Any], ...], level: str, word
         *more,
     )
 
-    (found,) = declared.check_gym_mix(made)
+    (found,) = package_findings.check_gym_mix(made)
 
     assert (found.level, word in found.text) == (level, True)
 
@@ -134,7 +145,9 @@ def test_what_pip_put_over_conda() -> None:
     ]  # fmt: skip
     made = facts(distribution("numpy", "2.2.6"), distribution("six", "1.16"), conda=records)
 
-    assert texts(declared.conda(made)) == ["warning: conda says numpy 1.26.4 (b_0), but pip has put 2.2.6 over it"]
+    assert texts(package_findings.conda(made)) == [
+        "warning: conda says numpy 1.26.4 (b_0), but pip has put 2.2.6 over it"
+    ]
 
 
 # --- modules and libraries -------------------------------------------------------------------------------------
@@ -155,7 +168,7 @@ def test_hidden_modules() -> None:
         ],
     )  # fmt: skip
 
-    found = texts(reading.find_shadowing(here(PYTHONPATH="/more"), made))
+    found = texts(find_shadowing(here(PYTHONPATH="/more"), made))
 
     assert [text.partition(":")[2].partition(" hides")[0] for text in found] == [
         " the working folder",
@@ -170,7 +183,7 @@ def test_libraries_loaded_twice() -> None:
     paths = ["/a/libmujoco.so.3.1.6", "/b/libmujoco.so.3.3.2", "/c/libgomp-a34b.so.1", "/d/libgomp.so.1"]
     probes = {"imports": {"mujoco": {"libraries": paths}, "numpy": {"libraries": paths[:1]}}}
 
-    assert [(one.level, one.text.partition(" was")[0]) for one in reading.twice(probes)] == [
+    assert [(one.level, one.text.partition(" was")[0]) for one in twice(probes)] == [
         ("warning", "MuJoCo"),
         ("note", "OpenMP"),
     ]
@@ -193,7 +206,7 @@ def test_imports_that_fail() -> None:
     }
     apart = [Difference("import", "mujoco", "fails: OSError: b", "/x.py", ("LD_LIBRARY_PATH",))]
 
-    assert texts(reading.report_failed_imports(probes, apart)) == [
+    assert texts(report_failed_imports(probes, apart)) == [
         "warning: `import gym` fails: ImportError: a",
         "warning: `import torch` fails once others are imported, and works alone: OSError: c",
     ]
@@ -203,7 +216,7 @@ def test_differences_in_sentences() -> None:
     """The variable with its value, and both outcomes; one that changes nothing is noted."""
     apart = [Difference("import", "mujoco", "fails: RuntimeError: no", "/x.py", ("MUJOCO_GL",))]
 
-    found = reading.report_differences(here(MUJOCO_GL="off!", LD_LIBRARY_PATH="/x"), facts(), apart)
+    found = report_differences(here(MUJOCO_GL="off!", LD_LIBRARY_PATH="/x"), facts(), apart)
 
     assert texts(found) == [
         "warning: with MUJOCO_GL=off! `import mujoco` fails: RuntimeError: no; without, it works",
@@ -226,7 +239,7 @@ def test_known_failures_of_an_import() -> None:
     one = bool8("bool8", phases=["import"])
 
     hits = [
-        [hit.signature.id for hit in reading.known_causes([one], probes, installed(gym="0.26.2", numpy=version))]
+        [hit.signature.id for hit in known_causes([one], probes, installed(gym="0.26.2", numpy=version))]
         for version in ("2.2.6", "1.26.4")
     ]
 
@@ -238,7 +251,7 @@ def test_a_log_is_no_cause() -> None:
     seen = [Evidence(phase="single", reasons=("ValueError: other",), logs=("warning: bool8 is gone",))]
     probes: dict[str, Any] = {"imports": {}, "clean_imports": {}}
 
-    assert reading.known_causes([bool8("bool8")], probes, installed(gym="0.26.2", numpy="2.2.6"), seen) == ()
+    assert known_causes([bool8("bool8")], probes, installed(gym="0.26.2", numpy="2.2.6"), seen) == ()
 
 
 def test_known_failures_that_these_versions_have() -> None:
@@ -252,18 +265,18 @@ def test_known_failures_that_these_versions_have() -> None:
         bool8("mask", masks=True),
     ]
 
-    assert [one.id for one in reading.predict_failures(those, installed(gym="0.26.2", numpy="2.2.6"))] == ["narrow"]
-    assert reading.predict_failures(those, installed(gym="0.26.2", numpy="1.26.4")) == []
-    assert reading.predict_failures(those, installed(gym="0.26.2")) == []
+    assert [one.id for one in predict_failures(those, installed(gym="0.26.2", numpy="2.2.6"))] == ["narrow"]
+    assert predict_failures(those, installed(gym="0.26.2", numpy="1.26.4")) == []
+    assert predict_failures(those, installed(gym="0.26.2")) == []
 
 
 def test_silent_failures() -> None:
     """A silent failure is recognised by the installed packages alone."""
     silent = read({"id": "quiet", "cause": "wrong", "remedy": {}, "packages": ["mujoco==4.0.0"], "silent": True})
 
-    assert [one.id for one in reading.find_silent_issues([silent], installed(mujoco="4.0.0"))] == ["quiet"]
-    assert reading.find_silent_issues([silent], installed(mujoco="4.0.1")) == []
+    assert [one.id for one in find_silent_issues([silent], installed(mujoco="4.0.0"))] == ["quiet"]
+    assert find_silent_issues([silent], installed(mujoco="4.0.1")) == []
     ants = silent._replace(envs=("Ant-*",))
-    assert [one.id for one in reading.find_silent_issues([ants], installed(mujoco="4.0.0"), "Ant-v5")] == ["quiet"]
-    assert [one.id for one in reading.find_silent_issues([ants], installed(mujoco="4.0.0"))] == ["quiet"]
-    assert reading.find_silent_issues([ants], installed(mujoco="4.0.0"), "CartPole-v1") == []
+    assert [one.id for one in find_silent_issues([ants], installed(mujoco="4.0.0"), "Ant-v5")] == ["quiet"]
+    assert [one.id for one in find_silent_issues([ants], installed(mujoco="4.0.0"))] == ["quiet"]
+    assert find_silent_issues([ants], installed(mujoco="4.0.0"), "CartPole-v1") == []

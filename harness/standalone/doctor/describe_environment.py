@@ -1,4 +1,4 @@
-"""Describe an environment by its own interpreter: `python -B looking.py [FILE]` prints one JSON document.
+"""Describe an environment by its own interpreter: `python -B describe_environment.py [FILE]` prints one JSON document.
 
 It stands alone, imports nothing of the environment and changes nothing in it. What cannot be read is data, too.
 """

@@ -1,4 +1,4 @@
-"""List the rendering libraries that can be loaded, and the devices: `python -B seeing.py FILE`.
+"""List the rendering libraries that can be loaded, and the devices: `python -B list_renderers.py FILE`.
 
 Run by the interpreter of an environment, since it decides which libraries are found. Nothing is drawn.
 """

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from builders import standalone_signature
 
-from harness.standalone.explain import explaining, wording
-from harness.standalone.explain.explaining import Facts
-from harness.standalone.explain.wording import Place
+from harness.standalone.explain import explain_text, explanation_text
+from harness.standalone.explain.explain_text import Facts
+from harness.standalone.explain.explanation_text import Place
 from harness.standalone.failures import matching, remedies
 
 TRACE = 'Traceback (most recent call last):\n  File "/e/lib/python3.9/site-packages/gym/a.py", line 5, in step\n'
@@ -21,7 +21,7 @@ def wings(remedy: dict[str, object], **more: object) -> matching.Signature:
 
 def said(text: str, place: Place, *those: matching.Signature, **here: object) -> list[str]:
     """Return the lines that `explain` prints about a text."""
-    return list(wording.lines(explaining.explain_text(text, those, Facts(**here)), place))  # type: ignore[arg-type]
+    return list(explanation_text.lines(explain_text.explain_text(text, those, Facts(**here)), place))  # type: ignore[arg-type]
 
 
 def test_a_known_cause() -> None:
