@@ -9,6 +9,8 @@ import tempfile
 from contextlib import suppress
 from typing import Callable, Mapping, NamedTuple, Optional, Sequence
 
+from .failures.lines import signal_name
+
 OUTPUT_LIMIT = 400000
 """Bytes of the output that are read."""
 
@@ -52,7 +54,7 @@ def run(argv: Sequence[str], variables: Mapping[str, str], folder: str, seconds:
         log.seek(max(0, log.seek(0, os.SEEK_END) - OUTPUT_LIMIT))
         output = log.read().decode("utf-8", "replace")
     code = process.returncode
-    return ProcessResult(None if code < 0 else code, name(-code) if code < 0 else None, timed_out, output)
+    return ProcessResult(None if code < 0 else code, signal_name(-code) if code < 0 else None, timed_out, output)
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
@@ -60,11 +62,3 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
     with suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-
-
-def name(number: int) -> str:
-    """Return the name of a signal."""
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return "signal {}".format(number)

@@ -52,7 +52,6 @@ def document() -> Any:
         "schema": 1,
         "python": _call_safely(_python, errors, {}),
         "path": entries,
-        "folder": _folder(),
         "distributions": distributions,
         "leftovers": [one for entry in entries for one in _leftovers(entry)],
         "claimed": _find_shared_files(distributions),
@@ -105,8 +104,6 @@ def _site_packages() -> Any:
 
 
 def _python() -> Any:
-    value = sysconfig.get_config_var
-    started = sys.modules.get("sitecustomize"), sys.modules.get("usercustomize")
     return {
         "version": platform.python_version(),
         "implementation": sys.implementation.name,
@@ -114,20 +111,28 @@ def _python() -> Any:
         "prefix": _prefix(),
         "base_prefix": sys.base_prefix,
         "platform": sysconfig.get_platform(),
-        "abi": str(value("SOABI")),
-        "free_threaded": bool(value("Py_GIL_DISABLED")),
         "libc": " ".join(platform.libc_ver()).strip(),
-        "machine": platform.machine(),
-        "system": platform.system(),
-        "release": platform.release(),
-        "platform_version": platform.version(),
-        "os_name": os.name,
         "user_site": _user_site(),
-        "user_site_used": bool(site.ENABLE_USER_SITE) and _user_site() in SEARCHED,
-        "customised": [str(getattr(one, "__file__", one)) for one in started if one],
-        "flags": [name for name in ("isolated", "no_site", "no_user_site", "safe_path") if getattr(sys.flags, name, 0)],
-        "venv": _settings(os.path.join(_prefix(), "pyvenv.cfg")),
         "site_packages": _site_packages(),
+        "markers": _markers(),
+    }
+
+
+def _markers() -> Any:
+    """Return the values of the variables that markers of requirements use (PEP 508)."""
+    version = platform.python_version()
+    return {
+        "python_version": ".".join(version.split(".")[:2]),
+        "python_full_version": version,
+        "os_name": os.name,
+        "sys_platform": sys.platform,
+        "platform_release": platform.release(),
+        "platform_system": platform.system(),
+        "platform_version": platform.version(),
+        "platform_machine": platform.machine(),
+        "platform_python_implementation": platform.python_implementation(),
+        "implementation_name": sys.implementation.name,
+        "implementation_version": version,
     }
 
 
@@ -136,11 +141,6 @@ def _user_site() -> Any:
         return site.getusersitepackages()
     except Exception:
         return None
-
-
-def _settings(path: Any) -> Any:
-    pairs = (line.partition("=") for line in _text(path).splitlines())
-    return {name.strip(): value.strip() for name, sign, value in pairs if sign}
 
 
 # --- distributions ---------------------------------------------------------------------------------------------
@@ -168,7 +168,6 @@ def _distribution(entry: Any, name: Any) -> Any:
     stem = os.path.basename(entry) if name == "EGG-INFO" else name
     guessed = stem.rpartition(".")[0].split("-")
     files = _read_record(place)
-    origin = _json(os.path.join(place, "direct_url.json"))
     gone = _missing(entry, [one for one in files or () if not one.startswith(name + "/")])
     fields = {
         "name": headers.get("name", [guessed[0]])[0],
@@ -177,12 +176,8 @@ def _distribution(entry: Any, name: Any) -> Any:
         "location": entry,
         "requires": headers.get("requires-dist", []) + _requires(place),
         "requires_python": headers.get("requires-python", [None])[0],
-        "extras": headers.get("provides-extra", []),
         "modules": _modules(place, files),
         "installer": _text(os.path.join(place, "INSTALLER")).strip() or None,
-        "origin": (origin.get("url") if isinstance(origin, dict) else None) or _linked(entry, guessed[0]),
-        "editable": bool(isinstance(origin, dict) and (origin.get("dir_info") or {}).get("editable")),
-        "recorded": files is not None,
         "missing": len(gone),
         "missing_files": gone[:SHOWN],
         "trouble": trouble,
@@ -260,15 +255,6 @@ def _modules(place: Any, files: Any) -> Any:
         return sorted(line.strip() for line in _text(os.path.join(place, "top_level.txt")).splitlines() if line.strip())
     tops = {one.split("/")[0].partition(".")[0] for one in files if one.endswith(CODE) and ".data/" not in one}
     return sorted(one for one in tops if one.isidentifier() and not one.startswith("__"))
-
-
-def _linked(entry: Any, name: Any) -> Any:
-    """Return the folder that an old editable installation (`.egg-link`) points to; None without one."""
-    for spelled in (name, name.replace("_", "-")):
-        lines = _text(os.path.join(entry, spelled + ".egg-link")).splitlines()
-        if lines:
-            return lines[0].strip()
-    return None
 
 
 looked_at: List[str] = []

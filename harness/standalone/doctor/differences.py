@@ -36,10 +36,6 @@ class Difference(NamedTuple):
     scrubbed: str
     by: Tuple[str, ...]
 
-    def plain(self) -> Dict[str, Any]:
-        """Return the difference as a plain dict."""
-        return dict(self._asdict(), by=list(self.by))
-
 
 def differences(here: Viewpoint, probes: JsonObject) -> List[Difference]:
     """Return all differences, each with the settings that cause it."""

@@ -109,10 +109,10 @@ def _document(
         "schema": 1,
         "decisive": next((one.text for one in findings if one.level == WARNING), None),
         "diagnoses": [matching.diagnosis(hit.signature, hit.phase, hit.seen) for hit in causes],
-        "findings": [one.plain() for one in findings],
+        "findings": [one._asdict() for one in findings],
         "environment": dict(_environment(choice, looked), scrubbed=here.removed),
         "imports": {name: _import(one) for name, one in (probes["imports"] or probes["clean_imports"]).items()},
-        "differences": [one.plain() for one in apart],
+        "differences": [dict(one._asdict(), by=list(one.by)) for one in apart],
         "lurking": [matching.diagnosis(one) for one in lurks],
         "nearest": _near(looked, near or other, _installer(here, choice, looked), (request.env, near is not None)),
     }
@@ -223,7 +223,7 @@ def _build_failure_document(here: Viewpoint, choice: Choice, looked: JsonObject)
         "schema": 1,
         "decisive": finding.text,
         "diagnoses": [],
-        "findings": [finding.plain()],
+        "findings": [finding._asdict()],
         "environment": {
             "python": choice.python,
             "why": choice.why,

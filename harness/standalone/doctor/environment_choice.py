@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
 NAMES = (("bin", "python"), ("bin", "python3"), ("python",))
 HOW = "name an interpreter or the folder of an environment with --python PATH"
@@ -21,10 +21,6 @@ class Choice(NamedTuple):
     python: str
     why: str
     remarks: List[str]
-
-    def plain(self) -> Any:
-        """Return the choice as a plain dict."""
-        return self._asdict()
 
 
 def choose_environment(

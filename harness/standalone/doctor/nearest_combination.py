@@ -34,10 +34,6 @@ class Change(NamedTuple):
     now: Optional[str]
     then: str
 
-    def plain(self) -> Dict[str, Any]:
-        """Return the change as a plain dict."""
-        return dict(self._asdict())
-
 
 class Candidate(NamedTuple):
     """A cell that works, and its distance: `changes` matter, `also` are the other versions that differ.
@@ -336,8 +332,8 @@ def to_dict(facts: JsonObject, candidate: Candidate, installer: Installer, env: 
         "measured": cell["measured"],
         "lock": cell["lock"],
         "distance": candidate.distance,
-        "changes": [each.plain() for each in candidate.changes],
-        "also": [each.plain() for each in candidate.also],
+        "changes": [each._asdict() for each in candidate.changes],
+        "also": [each._asdict() for each in candidate.also],
         "command": command(candidate, installer),
         "uncovered": list(candidate.uncovered),
         "remarks": remarks(facts, candidate),

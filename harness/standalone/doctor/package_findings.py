@@ -22,10 +22,6 @@ class Finding(NamedTuple):
     level: str
     text: str
 
-    def plain(self) -> Dict[str, str]:
-        """Return the finding as a plain dict."""
-        return dict(self._asdict())
-
 
 class Violation(NamedTuple):
     """A requirement that is not met; `there` is the installed version, None if the package is missing."""
@@ -36,33 +32,12 @@ class Violation(NamedTuple):
     there: Any
 
 
-def environment(facts: JsonObject) -> Dict[str, str]:
-    """Return the values of the variables that markers use (PEP 508)."""
-    python = facts["python"]
-    whole = python["version"]
-    return {
-        "python_version": ".".join(whole.split(".")[:2]),
-        "python_full_version": whole,
-        "os_name": python["os_name"],
-        "sys_platform": "linux" if python["system"] == "Linux" else python["system"].lower(),
-        "platform_release": python["release"],
-        "platform_system": python["system"],
-        "platform_version": python["platform_version"],
-        "platform_machine": python["machine"],
-        "platform_python_implementation": {"cpython": "CPython", "pypy": "PyPy"}.get(
-            python["implementation"], python["implementation"]
-        ),
-        "implementation_name": python["implementation"],
-        "implementation_version": whole,
-    }
-
-
 # --- requirements ----------------------------------------------------------------------------------------------
 
 
 def collect_requirements(facts: JsonObject) -> Dict[str, List[Requirement]]:
     """Return the requirements of each package that apply here, including the extras that other packages ask for."""
-    about, there = environment(facts), resolve_distributions(facts)
+    about, there = facts["python"]["markers"], resolve_distributions(facts)
     extras: Dict[str, Set[str]] = {name: set() for name in there}
     requirements: Dict[str, List[Requirement]] = {}
     growing = True

@@ -15,6 +15,8 @@ import subprocess
 import time
 from typing import Any, BinaryIO, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
+from ..failures.lines import signal_name
+
 PIECE = 65536
 QUIET, LONGEST = 0.3, 3.0
 """Seconds without a word, and in all, for which the children of a command that has ended are listened to."""
@@ -105,7 +107,7 @@ def run(argv: Sequence[str], log: BinaryIO, *, apart: bool = False) -> CommandEx
             _go_on(streams, log)
         code = process.wait()
     if code < 0:
-        return CommandExit(128 - code, _name(-code))
+        return CommandExit(128 - code, signal_name(-code))
     return CommandExit(code)
 
 
@@ -121,13 +123,6 @@ def _same(descriptor: int, other: int) -> bool:
         return True
     here, there = os.fstat(descriptor), os.fstat(other)
     return (here.st_dev, here.st_ino) == (there.st_dev, there.st_ino)
-
-
-def _name(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:
-        return "signal {}".format(number)
 
 
 # --- what is written -------------------------------------------------------------------------------------------

@@ -257,14 +257,22 @@ def describe_death(exit_code: int | None, number: int | None, stacks: str) -> st
     """
     if not number:
         return f"exited with code {exit_code} {SILENT}"
-    try:
-        name = signal.Signals(number).name
-    except ValueError:
-        name = f"signal {number}"
     fatal = _fatal(strip_ansi(stacks).splitlines())
     where = innermost_frame(stacks)
-    description = f"killed by {name}" + (f" ({fatal.strip()})" if fatal else "") + (f" in {where}" if where else "")
+    description = (
+        f"killed by {signal_name(number)}"
+        + (f" ({fatal.strip()})" if fatal else "")
+        + (f" in {where}" if where else "")
+    )
     return shorten_line(description)
+
+
+def signal_name(number: int) -> str:
+    """Return the name of a signal, such as `SIGSEGV`."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"signal {number}"
 
 
 def innermost_frame(stacks: str) -> str | None:
