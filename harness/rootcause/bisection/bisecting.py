@@ -208,7 +208,7 @@ class Bisection:
         line = line[good : bad + 1] if good <= bad else line[bad : good + 1][::-1]
         cells = [self.cell(one) for one in line]
         cost = [HANDY if self.bench.has_environment(cell) else 1.0 for cell in cells]
-        search = Search(line, Rules(confidence=self.task.confidence, looks=2), cost)
+        search = Search(line, Rules(confidence=self.task.confidence), cost)
         self._seed(search, line, cells)
         status, lower, upper = Status.STOPPED, None, None
         try:

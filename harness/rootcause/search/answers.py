@@ -32,13 +32,11 @@ class Rules:
     """The rules of a search: its confidence, and its patience with candidates that cannot be tested.
 
     `confidence` is the chance wanted that the boundary is right, given every answer and the flakiness seen. After
-    `patience` untestable candidates the search reports a range. `looks` is how often a test looks before it answers
-    `bad`: 2 if it looks again at what failed.
+    `patience` untestable candidates the search reports a range.
     """
 
     confidence: float = 0.99
     patience: int = 8
-    looks: int = 1
 
 
 USUAL = Rules()

@@ -52,7 +52,7 @@ class Line:
                 self._fill(index, why)
         else:
             self.good[index] += answer is not Answer.BAD
-            self.bad[index] += {Answer.GOOD: 0, Answer.FLAKY: 1}.get(answer, self.rules.looks)
+            self.bad[index] += answer is not Answer.GOOD
             self.untestable.pop(index, None)
         # `cached_property` keeps its value in `__dict__`; once it is removed there, the next use computes it anew.
         for cached_name in ("places", "contradiction", "gaps"):

@@ -106,8 +106,7 @@ class _Search(Generic[T]):
         wanted = max(1, round(-math.log10(max(1 - self.rules.confidence, 1e-9))))
         while True:
             answers = self.answers.get(indices, [])
-            bad = self.rules.looks * answers.count(Answer.BAD) + answers.count(Answer.FLAKY)
-            lead = answers.count(Answer.GOOD) - bad
+            lead = answers.count(Answer.GOOD) - answers.count(Answer.BAD) - answers.count(Answer.FLAKY)
             if abs(lead) >= wanted or len(answers) >= MOST or Answer.UNTESTABLE in answers:
                 return lead > 0
             self._ask(indices)
