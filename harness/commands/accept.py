@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from harness.commands import report
+from harness.commands import arguments, report
 from harness.commands.select_cells import choose
 from harness.machine import store, this_machine
 from harness.machine.console import tell
@@ -26,7 +26,7 @@ HELP = "Write expectations for cells that are red now, each with its reason, int
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `accept`."""
-    parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
+    arguments.matrix(parser)
     parser.add_argument("-k", metavar="GLOB", required=True, help="cells whose id matches, e.g. '*mujoco4*'")
     parser.add_argument("--reason", metavar="TEXT", required=True, type=_reason, help="why they are red")
     parser.add_argument("--until", metavar="DATE", type=_until, help="when the expectation is out of date [never]")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness.commands import find_cell
+from harness.commands import arguments, find_cell
 from harness.judging.assess import assess
 from harness.machine import interpreters, store
 from harness.machine.store import Store
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--confidence", type=float, default=CONFIDENCE, metavar="P", help="how sure to be of the boundary [%(default)g]"
     )
-    parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
+    arguments.offline(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the certificate goes [.harness/bisects/...]")
     parser.add_argument(
         "--json", action="store_true", help="print the certificate as JSON, and nothing else, on stdout"

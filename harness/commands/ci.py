@@ -13,14 +13,13 @@ from pathlib import Path
 
 from harness.ci import pipelines
 from harness.ci.pipelines import Pipeline, Provider
-from harness.commands import select_cells
+from harness.commands import arguments, select_cells
 from harness.commands.select_cells import select
 from harness.machine.console import tell
 from harness.machine.files import given_files
 from harness.model import Plan
 from harness.model.errors import BadInput
 from harness.model.report_types import format_count
-from harness.reports import publishing
 from harness.reports.template_files import read_template
 from harness.reports.text import github_annotations
 from harness.running import open_matrix
@@ -47,8 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--check", type=Path, metavar="FILE", help="compare with a file; exit 1 when it is out of date")
     parser.add_argument("--shards", type=_count, metavar="N", help="jobs to spread the cells over [by --minutes]")
     parser.add_argument("--minutes", type=_count, default=15, metavar="M", help="work for one shard [15]")
-    parser.add_argument("--durations", type=Path, metavar="FILE", action="append", default=[],
-                        help="a report.json whose seconds balance the shards [the committed report's]")  # fmt: skip
+    arguments.durations(parser)
     parser.add_argument(
         "--limit", type=_count, default=90, metavar="M", help="minutes after which a shard is ended [90]"
     )
@@ -56,8 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--python", default="3.11", metavar="V", help="the Python that simmatrix runs on [3.11]")
     parser.add_argument("--branch", default="main", metavar="NAME", help="GitHub: pushes to it are measured [main]")
     parser.add_argument("--runner", metavar="NAME", help="GitHub's runner [ubuntu-24.04], GitLab's image")
-    parser.add_argument("--fail-on", type=publishing.kinds, default=FAIL_ON, metavar="KINDS",
-                        help=f"comma-separated, of {', '.join(publishing.FAIL_ON)} [{','.join(FAIL_ON)}]")  # fmt: skip
+    arguments.fail_on(parser, FAIL_ON)
     parser.add_argument("--emit", choices=EMITTED, default=EMITTED[0], help="what a workflow asks for when it plans")
 
 

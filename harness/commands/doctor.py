@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from harness.commands import explain
 from harness.matrix import changes
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry, FindingEntry
@@ -20,11 +21,9 @@ from harness.rootcause.doctor import doctor_rendering, in_place, prove_in_copy
 from harness.rootcause.doctor.doctor_rendering import Rendering
 from harness.rootcause.doctor.in_place import Tried
 from harness.rootcause.doctor.prove_in_copy import Proof
-from harness.running.signatures import shipped_signatures
 from harness.standalone import wrapping
 from harness.standalone.doctor import doctor
 from harness.standalone.doctor.environment_choice import NoEnvironment
-from harness.standalone.failures import matching
 from harness.standalone.output import print_json
 
 HELP = (
@@ -144,7 +143,7 @@ def main(args: argparse.Namespace) -> int:
         doctor_pyz.write(args.standalone)
         print(f"{args.standalone}: type `python {args.standalone} doctor` or `... explain FILE` where no harness is")
         return 0
-    knowledge = doctor.Knowledge(signatures(), result_index.load)
+    knowledge = doctor.Knowledge(explain.signatures(), result_index.load)
     request = doctor.Request(args.python, args.env, dict(os.environ), str(Path.cwd()))
     looks = in_place.HostInspection(env=args.env, api=args.api, rendering=args.rendering)
     try:
@@ -164,11 +163,6 @@ def main(args: argparse.Namespace) -> int:
     else:
         print("\n".join(wrapping.wrap_lines(_lines(plain, document), wrapping.width(sys.stdout))))
     return doctor.code(plain)
-
-
-def signatures() -> list[Any]:
-    """Return the known failures in the form that the standalone modules read."""
-    return [matching.read(one.as_file) for one in shipped_signatures.load_all()]
 
 
 def _lines(plain: Mapping[str, Any], document: Doctored) -> list[str]:

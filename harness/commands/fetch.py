@@ -11,8 +11,9 @@ from pathlib import Path
 
 import msgspec
 
-from harness.commands.select_cells import JOBS, committed_report, durations, jobs, select
-from harness.judging.assess import assess
+from harness.commands import arguments
+from harness.commands.lock import headline
+from harness.commands.select_cells import committed_report, durations, select
 from harness.machine import store
 from harness.machine.console import tell
 from harness.machine.files.file_locks import exclusive
@@ -33,10 +34,10 @@ HELP = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `fetch`."""
-    parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
+    arguments.matrix(parser)
     parser.add_argument("--to", type=Path, metavar="DIR", required=True, help="the folder, made where it is absent")
     parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
-    parser.add_argument("-j", "--jobs", type=jobs, default=scheduler.default_jobs(), metavar="N", help=JOBS)
+    arguments.jobs(parser)
     parser.add_argument("--json", action="store_true", help="print the manifest, and nothing else, on stdout")
 
 
@@ -50,7 +51,7 @@ def main(args: argparse.Namespace) -> int:
         earlier = _earlier(folder, args.matrix, planned.matrix)
         plan = _dated(planned, earlier, opened)
         cells = select(plan.cells, args.k)
-        with progress.Progress(len(cells), args.jobs, _headline) as board:
+        with progress.Progress(len(cells), args.jobs, headline) as board:
             settings = scheduler.Settings(jobs=args.jobs, until=Phase.RESOLVE)
             # Cells are only resolved here, so this machine need not have what they need to run.
             records = scheduler.run([replace(cell, needs=(), system=()) for cell in cells], opened, settings, board)
@@ -137,10 +138,6 @@ def _manifest(
         pythons=bringing.pythons(cells.values()),
         files=earlier.files if earlier else {},
     )
-
-
-def _headline(record: CellRecord) -> str:
-    return "locked" if record.lock else assess(record).verdict.value
 
 
 def _tell_pythons(manifest: Manifest, fetched_cells: Sequence[FetchedCell]) -> None:

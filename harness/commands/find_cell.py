@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from harness.machine import this_machine
 from harness.machine.console import tell
 from harness.machine.store import Store
@@ -40,15 +42,18 @@ def _find_try_cell(verb: str, text: str, opened: Store) -> tuple[Plan, Cell]:
     return Plan(matrix=cell.matrix, cells=(cell,), axes=tuple(cell.axes)), cell
 
 
-def _match_cell(verb: str, text: str, pattern: str, cells: tuple[Cell, ...] | list[Cell]) -> Cell:
+def _match_cell(verb: str, text: str, pattern: str, cells: Sequence[Cell]) -> Cell:
     matches = cellid.select(pattern, cells)
-    if len(matches) == 1:
-        return matches[0]
-    if matches:
-        more = f", and {len(matches) - LISTED} more" if len(matches) > LISTED else ""
-        names = ", ".join(cell.id for cell in matches[:LISTED])
-        message = f"{verb} {text}: matches {len(matches)} cells; name one of {names}{more}"
-    else:
-        near = suggestion(text, [cell.id for cell in cells])
-        message = f"{verb} {text}: there is no such cell{near}"
-    raise BadInput(message)
+    if single(verb, text, [cell.id for cell in matches]) is None:
+        message = f"{verb} {text}: there is no such cell{suggestion(text, [cell.id for cell in cells])}"
+        raise BadInput(message)
+    return matches[0]
+
+
+def single(verb: str, text: str, ids: Sequence[str]) -> str | None:
+    """Return the one id that a name on the command line matches; None if none. Raises BadInput if there are several."""
+    if len(ids) > 1:
+        more = f", and {len(ids) - LISTED} more" if len(ids) > LISTED else ""
+        message = f"{verb} {text}: matches {len(ids)} cells; name one of {', '.join(ids[:LISTED])}{more}"
+        raise BadInput(message)
+    return next(iter(ids), None)

@@ -20,14 +20,7 @@ from harness.running.signatures import shipped_signatures
 NOBODY = frozenset({"root", "user", "admin", "ubuntu", "debian", "runner", "nobody", "localhost", "home", "test"})
 """Names that say nothing of anybody, and words that a message may well have."""
 
-INDEXES = (
-    "UV_DEFAULT_INDEX",
-    "UV_INDEX",
-    "UV_INDEX_URL",
-    "UV_EXTRA_INDEX_URL",
-    "PIP_INDEX_URL",
-    "PIP_EXTRA_INDEX_URL",
-)
+INDEXES = ("UV_INDEX_URL", "UV_DEFAULT_INDEX", "UV_INDEX", "UV_EXTRA_INDEX_URL", "PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL")
 PUBLIC = frozenset({"pypi.org", "files.pythonhosted.org", "download.pytorch.org"})
 
 
@@ -80,14 +73,7 @@ def find_private_names() -> dict[str, str]:
         replacements[getpass.getuser()] = "<user>"
     name = socket.gethostname()
     replacements |= {name: "<host>", name.partition(".")[0]: "<host>"}
-    for variable in (
-        "UV_INDEX_URL",
-        "UV_DEFAULT_INDEX",
-        "UV_INDEX",
-        "UV_EXTRA_INDEX_URL",
-        "PIP_INDEX_URL",
-        "PIP_EXTRA_INDEX_URL",
-    ):
+    for variable in INDEXES:
         for part in os.environ.get(variable, "").split():
             # An entry of UV_INDEX may be NAME=ADDRESS; a `=` behind the `://` belongs to the address.
             host = urlsplit(part.partition("=")[2] if "=" in part.partition("://")[0] else part).hostname

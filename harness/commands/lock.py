@@ -8,7 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from harness.commands.select_cells import JOBS, jobs, select
+from harness.commands import arguments
+from harness.commands.select_cells import select
 from harness.judging.assess import assess
 from harness.machine import store
 from harness.machine.console import tell
@@ -44,9 +45,9 @@ class Locked(msgspec.Struct, frozen=True, kw_only=True):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `lock`."""
-    parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
+    arguments.matrix(parser)
     parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
-    parser.add_argument("-j", "--jobs", type=jobs, default=scheduler.default_jobs(), metavar="N", help=JOBS)
+    arguments.jobs(parser)
     parser.add_argument("--upgrade", action="store_true", help="expand and choose again, lock as of now")
     parser.add_argument("--offline", action="store_true", help="never ask the index")
     parser.add_argument("--out", type=Path, metavar="FILE", help="where the lock of a single cell goes [stdout]")
@@ -63,7 +64,7 @@ def main(args: argparse.Namespace) -> int:
     plan = open_matrix.set_instant(planned, opened, renew=args.upgrade, offline=args.offline)
     cells = select(plan.cells, args.k)
     misspelt.check_cells(cells, tell, offline=args.offline)
-    with progress.Progress(len(cells), args.jobs, _headline) as board:
+    with progress.Progress(len(cells), args.jobs, headline) as board:
         records = scheduler.run(cells, opened, settings, board)
     if args.json:
         print_json(msgspec.json.encode(_document(plan.matrix, records, opened)))
@@ -76,14 +77,15 @@ def main(args: argparse.Namespace) -> int:
     return 0 if not unexpected else 3 if set(unexpected) <= UNTOLD else 1
 
 
+def headline(record: CellRecord) -> str:
+    """Return in a word how the locking of a cell ended."""
+    return "locked" if record.lock else assess(record).verdict.value
+
+
 def _expects_no_lock(record: CellRecord) -> bool:
     """Return whether the matrix expects that the cell has no lock."""
     expect = record.cell.expect
     return expect is not None and expect.verdict in {Verdict.UNRESOLVABLE, Verdict.UNINSTALLABLE}
-
-
-def _headline(record: CellRecord) -> str:
-    return "locked" if record.lock else assess(record).verdict.value
 
 
 def _single(text: str, out: Path | None) -> None:

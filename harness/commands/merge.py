@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
+from harness.commands import arguments
 from harness.machine import store
 from harness.machine.files import given_files
 from harness.model import Verdict
@@ -41,8 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/merged]")
     parser.add_argument("--format", choices=("terminal", "md", "json"), default="terminal", help="of what is printed")
     parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table")
-    parser.add_argument("--fail-on", type=publishing.kinds, default=publishing.DEFAULT_FAIL_ON, metavar="KINDS",
-                        help=f"comma-separated, of {', '.join(publishing.FAIL_ON)} [unexpected,stale]")  # fmt: skip
+    arguments.fail_on(parser)
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
 
 

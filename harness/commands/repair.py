@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness.commands import ad_hoc_cell, find_cell
+from harness.commands import ad_hoc_cell, arguments, find_cell
 from harness.machine import store
 from harness.machine.store import Store
 from harness.model import Cell, CellRecord
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `repair`."""
     ad_hoc_cell.add_arguments(parser)
     add_bounds(parser)
-    parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
+    arguments.offline(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="where lock and proof go [.harness/repairs/CELL]")
     parser.add_argument("--json", action="store_true", help="print the proof as JSON, and nothing else, on stdout")
 

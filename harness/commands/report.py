@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from harness.commands import arguments
 from harness.machine import store
 from harness.machine.files import given_files
 from harness.model.errors import BadInput
@@ -41,8 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                              " nothing is measured")  # fmt: skip
     parser.add_argument("--write", action="store_true",
                         help="with --judge-again: write the reports as they are judged now")  # fmt: skip
-    parser.add_argument("--fail-on", type=publishing.kinds, default=publishing.DEFAULT_FAIL_ON, metavar="KINDS",
-                        help=f"comma-separated, of {', '.join(publishing.FAIL_ON)} [unexpected,stale]")  # fmt: skip
+    arguments.fail_on(parser)
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
 
 

@@ -6,10 +6,8 @@ import argparse
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from harness.commands import select_cells
-from harness.commands.select_cells import VERIFYING
+from harness.commands import arguments, select_cells
 from harness.judging.assess import assess
 from harness.machine import store
 from harness.machine.console import tell
@@ -20,11 +18,9 @@ from harness.reports import publishing
 from harness.reports.answers import misspelt
 from harness.reports.tables import tables
 from harness.reports.text import progress
-from harness.running import open_matrix, remedy_trials, scheduler
+from harness.running import open_matrix, remedy_trials, scheduler, shards
+from harness.running.offline import offline_bundle
 from harness.running.signatures import shipped_signatures
-
-if TYPE_CHECKING:
-    from harness.running.offline.offline_bundle import Fetched
 
 HELP = "Lock, build, install, probe and report every cell of one or more matrices; what was measured before is reused."
 
@@ -32,34 +28,24 @@ HELP = "Lock, build, install, probe and report every cell of one or more matrice
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `run`."""
     parser.add_argument("matrices", metavar="MATRIX", nargs="+", help="a matrix file, or the name of a built-in one")
-    parser.add_argument("-j", "--jobs", type=select_cells.jobs, default=scheduler.default_jobs(), metavar="N",
-                        help=select_cells.JOBS)  # fmt: skip
+    arguments.jobs(parser)
     parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches, e.g. '*mujoco-3*'")
-    parser.add_argument(
-        "--shard", type=select_cells.shard, metavar="I/N", help="only this one of N parts of about equal time"
-    )
-    parser.add_argument("--durations", type=Path, metavar="FILE", action="append", default=[],
-                        help="a report.json whose seconds balance the shards [the committed report's]")  # fmt: skip
+    arguments.shard(parser)
+    arguments.durations(parser)
     parser.add_argument("--only-failed", action="store_true",
                         help="only cells that were red or inconclusive here the last time; their failures are "
                         "measured again")  # fmt: skip
     parser.add_argument("--until", choices=UNTIL, default=UNTIL[-1], help="stop after this phase")
     parser.add_argument("--fresh", action="store_true", help="measure everything again, with the locks that are there")
-    parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
+    arguments.offline(parser)
     parser.add_argument("--fetched", type=Path, metavar="DIR", help="run from a folder of `fetch`, without network")
-    parser.add_argument("--verify", action="store_true", help=VERIFYING)
+    arguments.verify(parser)
     parser.add_argument("--prove", action="store_true",
                         help="after all others, run red cells with the remedies of their known failures")  # fmt: skip
     parser.add_argument("--repair", action="store_true",
                         help="after all others, look for what cures each red cell, once per cause")  # fmt: skip
     parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/reports/MATRIX]")
-    parser.add_argument(
-        "--fail-on",
-        type=publishing.kinds,
-        default=publishing.DEFAULT_FAIL_ON,
-        metavar="KINDS",
-        help=f"comma-separated, of {', '.join(publishing.FAIL_ON)} [unexpected,stale]",
-    )
+    arguments.fail_on(parser)
     parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table")
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
 
@@ -69,7 +55,7 @@ UNTIL = tuple(phase.value for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHAS
 
 def main(args: argparse.Namespace) -> int:
     """Run the matrices and publish their reports. Return the exit code, which depends on `--fail-on`."""
-    layer = select_cells.fetched_folder(args.fetched) if args.fetched else None
+    layer = offline_bundle.open_folder(args.fetched) if args.fetched else None
     settings = scheduler.Settings(
         jobs=args.jobs,
         until=Phase(args.until),
@@ -139,14 +125,14 @@ def _of(plan: Plan, records: Sequence[CellRecord]) -> list[CellRecord]:
 
 
 def _chosen(
-    args: argparse.Namespace, plans: Sequence[Plan], opened: store.Store, layer: Fetched | None
+    args: argparse.Namespace, plans: Sequence[Plan], opened: store.Store, layer: offline_bundle.Fetched | None
 ) -> tuple[Cell, ...]:
     """Return the cells to run, after -k, --shard and --only-failed. A shard, or the failed cells, may be none."""
     cells = select_cells.select([cell for plan in plans for cell in plan.cells], args.k)
     if args.shard:
         seconds = layer.seconds() if layer else _committed(args.matrices, plans)
         seconds |= select_cells.durations(args.durations)
-        whole, cells = len(cells), select_cells.of_shard(cells, args.shard, seconds)
+        whole, cells = len(cells), shards.split(cells, args.shard.count, seconds)[args.shard.number - 1]
         tell(f"shard {args.shard}: {len(cells)} of {format_count(whole, 'cell')}")
     if args.only_failed:
         cells = select_cells.select_failed(cells, opened)

@@ -1,11 +1,9 @@
-"""Select the cells that a command works on: by a glob, of a shard, or those that failed the last time."""
+"""Select the cells that a command works on, by a glob or because they failed the last time, and what they took."""
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from harness.judging.assess import assess
 from harness.machine import store, this_machine
@@ -15,41 +13,7 @@ from harness.model import Cell, Plan, Verdict, cellid
 from harness.model.errors import BadInput
 from harness.reports import document, publishing
 from harness.running import shards
-from harness.running.offline import offline_bundle
-from harness.running.scheduler import AUTO
 from harness.running.signatures import shipped_signatures
-
-if TYPE_CHECKING:
-    from harness.running import shards
-    from harness.running.offline.offline_bundle import Fetched
-
-VERIFYING = "one process per check, failures confirmed, environments checked file by file"
-JOBS = "cells at a time, or auto: as many as there are cores and memory for [cores]"
-
-
-def jobs(text: str) -> int:
-    """Return the value of `--jobs`: a number of at least 1, or AUTO for `auto`."""
-    if text == "auto":
-        return AUTO
-    if not text.isdigit() or int(text) < 1:
-        message = f"{text!r} is not a number of cells at a time, nor auto"
-        raise argparse.ArgumentTypeError(message)
-    return int(text)
-
-
-def shard(text: str) -> shards.Shard:
-    """Return the shard that the value of `--shard` (I/N) names."""
-
-    try:
-        return shards.Shard.parse(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def fetched_folder(folder: Path) -> Fetched:
-    """Open the folder that `--fetched` names."""
-
-    return offline_bundle.open_folder(folder)
 
 
 def committed_report(matrix: Path, name: str) -> Path | None:
@@ -62,7 +26,6 @@ def committed_report(matrix: Path, name: str) -> Path | None:
 
 def durations(files: Iterable[Path]) -> dict[str, float]:
     """Return the seconds of cells by id, from report documents. A later document overrides an earlier one."""
-
     seconds: dict[str, float] = {}
     for file in files:
         content = given_files.read_content(file, f"--durations {file}")
@@ -97,12 +60,6 @@ def check_distinct(plans: Sequence[Plan]) -> None:
     if twice:
         message = f"two of the matrices are called {twice}, and so are their cells; name one of them, or rename one"
         raise BadInput(message)
-
-
-def of_shard(cells: Sequence[Cell], wanted: shards.Shard, seconds: Mapping[str, float]) -> tuple[Cell, ...]:
-    """Return the cells of one shard. Some shards are empty if there are more shards than cells."""
-
-    return shards.split(cells, wanted.count, seconds)[wanted.number - 1]
 
 
 def select_failed(cells: Iterable[Cell], opened: Store) -> tuple[Cell, ...]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
-from harness.commands import issuing, shipped_cell
+from harness.commands import find_cell, issuing, shipped_cell
 from harness.machine import store
 from harness.machine.store import Store
 from harness.matrix import changes, plan
@@ -35,8 +35,6 @@ HELP = "Show everything known of one cell: versions, phases, checks, the line th
 
 TAIL = 15
 """Lines of the log that are shown."""
-
-LISTED = 10
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -95,11 +93,9 @@ def _show_shipped(report: Document, *, issue: bool) -> None:
 
 def _find_shipped(records: Sequence[CellRecord], pattern: str) -> str:
     """Return the id of the one cell that the reports at hand have of this name. Raises BadInput."""
-    matches = shipped_cell.ids(pattern)
-    if len(matches) == 1:
-        return matches[0]
-    if matches:
-        raise BadInput(_several(pattern, matches))
+    cell_id = find_cell.single("show", pattern, shipped_cell.ids(pattern))
+    if cell_id:
+        return cell_id
     all_ids = [record.cell.id for record in records] + shipped_cell.ids("*")
     near = get_close_matches(pattern, all_ids, n=1)
     hint = f"; did you mean {near[0]}?" if near else "; `simmatrix known` lists what was measured"
@@ -107,19 +103,11 @@ def _find_shipped(records: Sequence[CellRecord], pattern: str) -> str:
     raise BadInput(message)
 
 
-def _several(pattern: str, ids: Sequence[str]) -> str:
-    more = f", and {len(ids) - LISTED} more" if len(ids) > LISTED else ""
-    return f"show {pattern}: matches {len(ids)} cells; name one of {', '.join(ids[:LISTED])}{more}"
-
-
 def _find_records(records: Sequence[CellRecord], pattern: str) -> list[CellRecord]:
     """Return the records of the one cell that an id, label or glob names, by machine; none if it was not run here."""
     ids = sorted({cell.id for cell in cellid.select(pattern, [record.cell for record in records])})
-    if len(ids) == 1:
-        return sorted((record for record in records if record.cell.id == ids[0]), key=lambda record: record.machine)
-    if ids:
-        raise BadInput(_several(pattern, ids))
-    return []
+    cell_id = find_cell.single("show", pattern, ids)
+    return sorted((record for record in records if record.cell.id == cell_id), key=lambda record: record.machine)
 
 
 def _document(records: Sequence[CellRecord], all_records: Sequence[CellRecord], opened: Store) -> Document:

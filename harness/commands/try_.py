@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from harness.commands import ad_hoc_cell
-from harness.commands.select_cells import VERIFYING
+from harness.commands import ad_hoc_cell, arguments
 from harness.judging.assess import assess
 from harness.judging.exercised import unregistered
 from harness.machine import store, this_machine
@@ -25,8 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `try`."""
     ad_hoc_cell.add_arguments(parser)
     parser.add_argument("--fresh", action="store_true", help="resolve and measure again")
-    parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
-    parser.add_argument("--verify", action="store_true", help=VERIFYING)
+    arguments.offline(parser)
+    arguments.verify(parser)
     parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
 
 

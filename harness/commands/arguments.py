@@ -1,0 +1,67 @@
+"""Declare the options that several verbs share."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+from harness.reports import publishing
+from harness.running import scheduler, shards
+
+
+def matrix(parser: argparse.ArgumentParser) -> None:
+    """Add the name of one matrix."""
+    parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
+
+
+def jobs(parser: argparse.ArgumentParser) -> None:
+    """Add `--jobs`."""
+    meaning = "cells at a time, or auto: as many as there are cores and memory for [cores]"
+    parser.add_argument("-j", "--jobs", type=_jobs, default=scheduler.default_jobs(), metavar="N", help=meaning)
+
+
+def _jobs(text: str) -> int:
+    """Return the value of `--jobs`: a number of at least 1, or AUTO for `auto`."""
+    if text == "auto":
+        return scheduler.AUTO
+    if not text.isdigit() or int(text) < 1:
+        message = f"{text!r} is not a number of cells at a time, nor auto"
+        raise argparse.ArgumentTypeError(message)
+    return int(text)
+
+
+def shard(parser: argparse.ArgumentParser) -> None:
+    """Add `--shard`."""
+    parser.add_argument("--shard", type=_shard, metavar="I/N", help="only this one of N parts of about equal time")
+
+
+def _shard(text: str) -> shards.Shard:
+    """Return the shard that the value of `--shard` (I/N) names."""
+    try:
+        return shards.Shard.parse(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def durations(parser: argparse.ArgumentParser) -> None:
+    """Add `--durations`."""
+    meaning = "a report.json whose seconds balance the shards [the committed report's]"
+    parser.add_argument("--durations", type=Path, metavar="FILE", action="append", default=[], help=meaning)
+
+
+def offline(parser: argparse.ArgumentParser) -> None:
+    """Add `--offline`."""
+    parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
+
+
+def verify(parser: argparse.ArgumentParser) -> None:
+    """Add `--verify`."""
+    meaning = "one process per check, failures confirmed, environments checked file by file"
+    parser.add_argument("--verify", action="store_true", help=meaning)
+
+
+def fail_on(parser: argparse.ArgumentParser, default: Sequence[str] = publishing.DEFAULT_FAIL_ON) -> None:
+    """Add `--fail-on`."""
+    meaning = f"comma-separated, of {', '.join(publishing.FAIL_ON)} [{','.join(default)}]"
+    parser.add_argument("--fail-on", type=publishing.kinds, default=default, metavar="KINDS", help=meaning)
