@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import shlex
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -21,16 +20,16 @@ from harness.model.cellid import CellId
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.schema import locate_errors
 from harness.model.vocabulary import PackageName
-from harness.packages import locks
 from harness.reports import publishing
 from harness.reports.answers import result_index
 from harness.reports.text import progress
+from harness.rootcause import search_documents
 from harness.rootcause.bench import Bench, Bounds, BudgetExhausted, Trial
 from harness.rootcause.bisection import candidates, certificates, guesses
 from harness.rootcause.bisection.bisecting import Bisection, BisectionResult, Status, Task
 from harness.rootcause.bisection.candidates import Candidate, Candidates, LineOptions
 from harness.rootcause.bisection.certificates import BisectDocument
-from harness.rootcause.repair import candidate_changes, proofs
+from harness.rootcause.repair import candidate_changes, pasting
 from harness.running import open_matrix, scheduler
 from harness.running.signatures import shipped_signatures
 from harness.standalone.failures.silent import plainly_good
@@ -120,9 +119,9 @@ def main(args: argparse.Namespace) -> int:
         certificate = certificates.document(
             done, search, left_out=line.left_out, command=_repeat_command(request, done)
         )
-    certificate = _write(certificate, done, opened, args.out or _folder(request))
+    certificate = _write(certificate, done, args.out or _folder(request))
     if args.json:
-        print_json(msgspec.json.format(msgspec.json.encode(certificate)))
+        print_json(search_documents.as_json(certificate))
     else:
         print("\n".join(certificates.lines(certificate)))
     return CODES[done.status]
@@ -148,7 +147,7 @@ def _check(args: argparse.Namespace) -> None:
 def _task(request: BisectRequest, base: Trial | None) -> tuple[Candidates, Task]:
     """Return the line of candidates and the search on it. Raises BadInput if the line or its ends allow none."""
     args = request.args
-    held = _read_versions(request, base)
+    held = base.versions if base and base.lock else candidate_changes.pins(request.cell)
     line = _line(request, held)
     own = _name_unchanged(request, held)
     if args.bad is None and own is None:
@@ -179,14 +178,6 @@ def _task(request: BisectRequest, base: Trial | None) -> tuple[Candidates, Task]
         recipes=open_matrix.recipes(Path("matrices")),
         base=base,
     )
-
-
-def _read_versions(request: BisectRequest, base: Trial | None) -> dict[str, str]:
-    """Return the versions in the cell's lock by package; without a lock, the versions that the cell pins."""
-    if base and base.record.lock:
-        text = (request.opened.folder / base.record.lock).read_text(encoding="utf-8")
-        return {name: version for name, (version, _) in locks.read_pins(text).items()}
-    return candidate_changes.pins(request.cell)
 
 
 def _line(request: BisectRequest, held: dict[str, str]) -> Candidates:
@@ -264,7 +255,7 @@ def _repeat_command(request: BisectRequest, done: BisectionResult) -> str:
     sure = ["--confidence", f"{args.confidence:g}"] if args.confidence != CONFIDENCE else []
     words = shlex.join(["simmatrix", "bisect", args.cell, *along, *ends, *flags, *sure])
     # No matrix has a cell of `try`: whoever repeats the bisection has to try it first.
-    tried = proofs.trying(request.cell) if request.cell.matrix == plan.TRY_MATRIX else None
+    tried = pasting.trying(request.cell) if request.cell.matrix == plan.TRY_MATRIX else None
     return f"{tried}; {words}" if tried else words
 
 
@@ -278,18 +269,13 @@ def _folder(request: BisectRequest) -> Path:
     return request.opened.folder / "bisects" / CellId.parse(request.cell.id).folder(*words)
 
 
-def _write(certificate: BisectDocument, done: BisectionResult, opened: Store, folder: Path) -> BisectDocument:
+def _write(certificate: BisectDocument, done: BisectionResult, folder: Path) -> BisectDocument:
     """Write the certificate and the locks of both neighbours. Return the certificate with the paths of these files."""
-    files = [folder / "bisect.json", folder / "bisect.md"]
-    sides = {}
+    locks, sides = {}, {}
     for side, step in (("good", done.good), ("bad", done.bad)):
         entry = getattr(certificate, side)
-        if step and entry and step.trial.record.lock:
-            path = folder / f"{side}.lock.txt"
-            store.write_atomic(path, (opened.folder / step.trial.record.lock).read_bytes())
-            files.append(path)
-            sides[side] = msgspec.structs.replace(entry, lock=path.name)
-    certificate = msgspec.structs.replace(certificate, **sides, files=tuple(path.name for path in files))
-    store.write_atomic(files[0], msgspec.json.format(msgspec.json.encode(certificate)) + b"\n")
-    store.write_atomic(files[1], certificates.page(certificate).encode())
-    return msgspec.structs.replace(certificate, files=tuple(os.path.relpath(path) for path in files))
+        if step and entry and step.trial.lock:
+            locks[f"{side}.lock.txt"] = step.trial.lock
+            sides[side] = msgspec.structs.replace(entry, lock=f"{side}.lock.txt")
+    certificate = msgspec.structs.replace(certificate, **sides)
+    return search_documents.write(certificate, folder / "bisect", locks, certificates.page)

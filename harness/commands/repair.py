@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import shlex
 import sys
 from collections.abc import Sequence
@@ -20,6 +19,7 @@ from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.reports import publishing
 from harness.reports.text import progress
+from harness.rootcause import search_documents
 from harness.rootcause.bench import Bounds
 from harness.rootcause.repair import every as repairs
 from harness.rootcause.repair import proofs, telling
@@ -81,9 +81,9 @@ def main(args: argparse.Namespace) -> int:
             runner = scheduler.Runner(opened, settings, board)
             (base,) = ad_hoc_cell.plan_cell(args, given, opened, runner).cells
         document, repaired = repair(base, opened, settings, bounds, board, command=_typed(base))
-    document = write(document, repaired, opened, args.out or _folder(opened, base))
+    document = write(document, repaired, args.out or _folder(opened, base))
     if args.json:
-        print_json(msgspec.json.format(msgspec.json.encode(document)))
+        print_json(search_documents.as_json(document))
     else:
         print("\n".join(telling.lines(document)))
     return CODES[document.status]
@@ -108,9 +108,8 @@ def repair(
     """Search for a remedy of one cell. Store the records of the cell and of the remedy."""
     with _lab(base, opened, settings, bounds, board) as lab:
         repaired = Search(lab).run()
-        lab.keep(repaired.before)
-        if repaired.proof:
-            lab.keep(repaired.proof)
+        for trial in filter(None, (repaired.before, repaired.proof)):
+            opened.save_cell(trial.record)
         return proofs.document(lab, repaired, command), repaired
 
 
@@ -123,7 +122,7 @@ def repair_all(
     cured = []
     for ended in repairs.every(records, opened, lambda cell: _lab(cell, opened, settings, bounds, board)):
         document = proofs.document(ended.lab, ended.repaired, shlex.join(["simmatrix", "repair", ended.cell.id]))
-        document = write(document, ended.repaired, opened, _folder(opened, ended.cell))
+        document = write(document, ended.repaired, _folder(opened, ended.cell))
         does = "; ".join(document.remedy.does) if document.remedy else ""
         board.say(f"{ended.cell.id}: {document.status}{f': {does}' if does else ''}")
         if ended.cured:
@@ -147,16 +146,10 @@ def _folder(opened: Store, base: Cell) -> Path:
     return opened.folder / "repairs" / CellId.parse(base.id).folder()
 
 
-def write(document: RepairDocument, repaired: RepairResult, opened: Store, folder: Path) -> RepairDocument:
+def write(document: RepairDocument, repaired: RepairResult, folder: Path) -> RepairDocument:
     """Write lock and proof into a folder. Return the document with the paths of these files."""
     if document.status in {Status.GREEN, Status.UNTOLD}:
         return document
-    files = [folder / "repair.json", folder / "repair.md"]
-    if repaired.proof and repaired.proof.record.lock:
-        store.write_atomic(folder / "lock.txt", (opened.folder / repaired.proof.record.lock).read_bytes())
-        files.append(folder / "lock.txt")
-        document = msgspec.structs.replace(document, lock="lock.txt")
-    stored_document = msgspec.structs.replace(document, files=tuple(path.name for path in files))
-    store.write_atomic(files[0], msgspec.json.format(msgspec.json.encode(stored_document)) + b"\n")
-    store.write_atomic(files[1], telling.page(stored_document).encode())
-    return msgspec.structs.replace(document, files=tuple(os.path.relpath(path) for path in files))
+    locks = {"lock.txt": repaired.proof.lock} if repaired.proof and repaired.proof.lock else {}
+    document = msgspec.structs.replace(document, lock=next(iter(locks), None))
+    return search_documents.write(document, folder / "repair", locks, telling.page)

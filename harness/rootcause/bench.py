@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from time import monotonic
 from types import TracebackType
 from typing import Self
@@ -14,6 +15,7 @@ from harness.judging.identity import Failure
 from harness.machine import interpreters, process, this_machine
 from harness.machine.store import Store, cache_folder
 from harness.model import CASE_PHASES, Cell, CellRecord, ControlRecord, Outcome, Phase, Verdict
+from harness.packages import locks
 from harness.running.scheduler import ControlledRunner, Observer, QuietObserver, Runner, Settings, steps
 from harness.running.scheduler.shared_environment import Pool
 from harness.running.signatures import shipped_signatures
@@ -35,11 +37,13 @@ class Bounds:
 class Trial:
     """One measured cell. `seconds` is wall-clock time, `at_hand` is true if nothing had to be run for it.
 
-    `failure` is the failure of the cell, read before another measurement of the cell overwrites the logs.
+    `failure` is the failure of the cell, read before another measurement of the cell overwrites the logs. `lock` is its
+    lock; None if it did not resolve.
     """
 
     assessed: Assessed
     failure: Failure | None
+    lock: Path | None
     seconds: float
     at_hand: bool
 
@@ -52,6 +56,17 @@ class Trial:
     def cell(self) -> Cell:
         """Return the cell as it was measured."""
         return self.assessed.record.cell
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Return the packages in the lock with their versions; empty without a lock."""
+        pins = locks.read_pins(self.lock.read_text(encoding="utf-8")) if self.lock else {}
+        return {name: version for name, (version, _) in pins.items()}
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Return the lines that say why the cell failed."""
+        return tuple(text for one in self.assessed.failures for text in one.reasons)
 
     @property
     def works(self) -> bool:
@@ -137,7 +152,7 @@ class Bench:
             runner = self._make_runner(replace(settings, fresh=True)) if again else runner
             self.observer.started(cell)
             record = self._controlled(runner).measure(cell)
-            self._note_built(runner)
+            self.built |= {one.key for one in runner.environments.values() if not one.reused}
         else:
             record = stored_record
         if keep:
@@ -203,16 +218,12 @@ class Bench:
     def _controlled(self, runner: Runner) -> ControlledRunner:
         return ControlledRunner(runner, self._controls)
 
-    def _note_built(self, runner: Runner) -> None:
-        keys = {one.key for one in runner.environments.values() if not one.reused}
-        self.built |= keys
-
     def _trial(self, record: CellRecord, began: float, *, at_hand: bool) -> Trial:
         assessed = assess(record, shipped_signatures.beside(self.store.folder))
-        failed = assessed.failure
-        return Trial(assessed=assessed, failure=failed, seconds=round(monotonic() - began, 3), at_hand=at_hand)
-
-
-def until(failed: Failure) -> Phase:
-    """Return the last phase that matters if only this failure is of interest."""
-    return failed.phase or Phase.SUITE
+        return Trial(
+            assessed=assessed,
+            failure=assessed.failure,
+            lock=self.store.folder / record.lock if record.lock else None,
+            seconds=round(monotonic() - began, 3),
+            at_hand=at_hand,
+        )

@@ -12,15 +12,13 @@ from harness.machine import this_machine
 from harness.machine.store import now
 from harness.model import Cell, Phase, Verdict
 from harness.model.report_types import format_count
-from harness.packages import locks
-from harness.reports.template_files import read_template
-from harness.reports.text import report_markdown
-from harness.rootcause import search
-from harness.rootcause.bench import Bench, Trial
+from harness.rootcause import search, search_documents
+from harness.rootcause.bench import Trial
 from harness.rootcause.bisection.bisecting import LOOKING, Bisection, BisectionResult, Status, Step
 from harness.rootcause.bisection.candidates import Candidate, diff_locks
 from harness.rootcause.bisection.predicate import strip_run_count
 from harness.rootcause.search import Answer, Turn
+from harness.rootcause.search_documents import trial_fields
 
 DATE = "--date"
 
@@ -143,7 +141,7 @@ def document(done: BisectionResult, search_: Bisection, *, left_out: tuple[str, 
         bad=_neighbour(done.bad, search_),
         between=tuple(one.name for one in boundary.between) if boundary and has_neighbours else (),
         chain=tuple(_turn(turn, done) for turn in boundary.chain) if boundary else (),
-        moved=_moved(bench, done.good.trial, done.bad.trial) if done.good and done.bad else (),
+        moved=_moved(done.good.trial, done.bad.trial) if done.good and done.bad else (),
         confidence=round(boundary.confidence, 6) if boundary and has_neighbours else None,
         flakiness=(round(boundary.rates[0], 4), round(boundary.rates[1], 4)) if boundary else None,
         ends=(done.line[0].name, done.line[-1].name),
@@ -174,22 +172,13 @@ def _predicate(done: BisectionResult) -> PredicateEntry | None:
 
 
 def _step(number: int, step: Step) -> StepEntry:
-    judged, record = step.trial.assessed, step.trial.record
     return StepEntry(
         number=number,
         candidate=step.candidate.name,
         why=step.why,
         answer=step.classification.answer,
         words=step.classification.words,
-        verdict=judged.verdict,
-        phase=judged.phase,
-        decisive=judged.decisive,
-        causes=tuple(str(each.signature.id) for each in step.trial.assessed.diagnoses),
-        python=record.python,
-        lock_sha256=record.lock_sha256,
-        key=record.key,
-        seconds=step.trial.seconds,
-        at_hand=step.trial.at_hand,
+        **trial_fields(step.trial),
     )
 
 
@@ -219,19 +208,11 @@ def _turn(turn: Turn[Candidate], done: BisectionResult) -> TurnEntry:
     )
 
 
-def _moved(bench: Bench, good: Trial, bad: Trial) -> tuple[MovedEntry, ...]:
+def _moved(good: Trial, bad: Trial) -> tuple[MovedEntry, ...]:
     """Return the packages that differ between the locks; none if either neighbour has no lock."""
-    old, new = versions(bench, good), versions(bench, bad)
+    old, new = good.versions, bad.versions
     differences = diff_locks(old, new) if old and new else ()
     return tuple(MovedEntry(name=name, good=version, bad=other) for name, version, other in differences)
-
-
-def versions(bench: Bench, trial: Trial) -> dict[str, str]:
-    """Return the packages in a cell's lock with their versions; empty if the cell did not resolve."""
-    if trial.record.lock is None:
-        return {}
-    text = (bench.store.folder / trial.record.lock).read_text(encoding="utf-8")
-    return {name: version for name, (version, _) in locks.read_pins(text).items()}
 
 
 # --- in words --------------------------------------------------------------------------------------------------
@@ -281,13 +262,7 @@ def _thing(axis: str) -> str:
 
 def page(certificate: BisectDocument) -> str:
     """Return the certificate as a page, from the template `templates/bisect.md.j2`."""
-    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
-
-    environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
-    environment.filters |= report_markdown.filters()
-    template = read_template("bisect.md.j2")
-    context: dict[str, Any] = {name: getattr(certificate, name) for name in certificate.__struct_fields__}
-    return environment.from_string(template).render(**context)
+    return search_documents.page("bisect.md.j2", certificate)
 
 
 def lines(certificate: BisectDocument) -> Iterator[str]:

@@ -22,8 +22,7 @@ def of_metadata(base: Trial, axis: str, line: Sequence[Candidate], *, offline: b
 
 def _declared(base: Trial, axis: str) -> Iterator[SpecifierSet]:
     """Yield the bounds that the failure names on the package, and those of the packages that are installed."""
-    reasons = (text for one in base.assessed.failures for text in one.reasons)
-    yield from failure_hints.bounds(reasons, {axis}).values()
+    yield from failure_hints.bounds(base.reasons, {axis}).values()
     if base.record.key:
         yield from site_packages.bounds(cache_folder() / "environments" / base.record.key, axis)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from time import monotonic
 from types import TracebackType
 from typing import Self
 
@@ -16,11 +15,9 @@ from harness.machine.store import Store
 from harness.matrix import changes
 from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict, cellid
 from harness.model.vocabulary import MISLEADING
-from harness.packages import locks
 from harness.rootcause.bench import Bench, Bounds, Trial
 from harness.rootcause.repair import candidate_changes, failure_hints
 from harness.running.scheduler import Observer, Settings
-from harness.standalone.failures.matching import Evidence
 from harness.standalone.failures.silent import PREFIX
 
 ORDER = list(Phase)
@@ -60,16 +57,6 @@ class Lab:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.bench.__exit__(kind, error, trace)
-
-    @property
-    def measured(self) -> int:
-        """Return how many cells were really run."""
-        return sum(not one.trial.at_hand for one in self.runs)
-
-    @property
-    def seconds(self) -> float:
-        """Return how long it has taken so far."""
-        return monotonic() - self.bench.began
 
     def cell(self, change: Change) -> Cell:
         """Return the cell with a change. Raises ValueError if no recipe repairs a package of its overlay."""
@@ -134,14 +121,6 @@ class Lab:
         alike = (one for one in whole if not one.at_hand and one.works)
         return next((one for one in alike if (one.record.lock_sha256, one.record.python) == (lock, python)
                      and one.cell.environment == trial.cell.environment), None)  # fmt: skip
-
-    def keep(self, trial: Trial) -> None:
-        """Store the record of a cell, so that `show` finds it."""
-        self.store.save_cell(trial.record)
-
-    def evidence(self, trial: Trial) -> tuple[Evidence, ...]:
-        """Return the evidence of a trial's failures."""
-        return trial.assessed.failures
 
 
 def _id(cell: Cell, change: Change) -> str:
@@ -213,24 +192,11 @@ def _conflicts(failed: Failure) -> frozenset[str]:
     return failure_hints.subjects(failed.line)
 
 
-def collect_reasons(lab: Lab, trial: Trial) -> tuple[str, ...]:
-    """Return the lines that say why a cell failed."""
-    return tuple(text for one in lab.evidence(trial) for text in one.reasons)
-
-
-def versions(lab: Lab, trial: Trial) -> dict[str, str]:
-    """Return the packages in a cell's lock with their versions; empty if the cell did not resolve."""
-    if trial.record.lock is None:
-        return {}
-    text = (lab.store.folder / trial.record.lock).read_text(encoding="utf-8")
-    return {name: version for name, (version, _) in locks.read_pins(text).items()}
-
-
-def find_unenforced_bound(lab: Lab, before: Trial, after: Trial) -> str | None:
+def find_unenforced_bound(before: Trial, after: Trial) -> str | None:
     """Return why a cell works only because an older release does not reject a version yet; None if it is not so."""
-    had = versions(lab, before) or candidate_changes.pins(before.cell)
-    has = versions(lab, after)
-    for name, bound in failure_hints.find_unmet_bounds(collect_reasons(lab, before), had).items():
+    had = before.versions or candidate_changes.pins(before.cell)
+    has = after.versions
+    for name, bound in failure_hints.find_unmet_bounds(before.reasons, had).items():
         version = has.get(name)
         if version is None or bound.contains(version, prereleases=True):
             continue

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 from packaging.version import Version
 
-from harness.model import Change, Interpreter, Phase
+from harness.model import Cell, Change, Interpreter, Phase
 from harness.rootcause import search
 from harness.rootcause.bench import Trial
 from harness.rootcause.repair import candidate_changes, failure_hints, times
 from harness.rootcause.repair.candidate_changes import merge_changes
-from harness.rootcause.repair.lab import Lab, find_lost_check, passes, versions
+from harness.rootcause.repair.lab import Lab, find_lost_check, passes
 from harness.rootcause.search import Answer
 
 SINGLES = 2
@@ -55,7 +55,7 @@ class Narrowing:
 
     def fewest(self, suspects: Sequence[Suspect]) -> tuple[Suspect, ...] | None:
         """Return the fewest suspects that cure when held to their good versions; None if all together do not."""
-        evidence = self.lab.evidence(self.failing)
+        evidence = self.failing.assessed.failures
         order = failure_hints.suspects([one.name for one in suspects], evidence)
         ranked = sorted(suspects, key=lambda suspect: (not suspect.build, order.index(suspect.name)))
         self.bound += search.bound(len(ranked) + 1)
@@ -177,13 +177,13 @@ def held(chosen: Iterable[Suspect]) -> Change:
     return candidate_changes.of_parts(one.at(f"=={one.good}") for one in chosen)
 
 
-def differing(lab: Lab, good: Trial, bad: Trial) -> tuple[Suspect, ...]:
+def differing(base: Cell, good: Trial, bad: Trial) -> tuple[Suspect, ...]:
     """Return the packages in which two locks differ; all of the good one if the bad one has none.
 
     Packages that the user pins are left out.
     """
-    old, new = versions(lab, bad), versions(lab, good)
-    pinned = candidate_changes.pins(lab.base)
+    old, new = bad.versions, good.versions
+    pinned = candidate_changes.pins(base)
     return tuple(
         Suspect(name=name, good=version, bad=old.get(name))
         for name, version in sorted(new.items())

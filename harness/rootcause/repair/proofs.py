@@ -14,8 +14,7 @@ from harness.rootcause.bench import Trial
 from harness.rootcause.repair import pasting, stages
 from harness.rootcause.repair.lab import Lab, Run, describe_result
 from harness.rootcause.repair.repairing import Part, RepairResult, Status
-
-trying = pasting.trying
+from harness.rootcause.search_documents import trial_fields
 
 
 class CauseEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -135,7 +134,7 @@ def document(lab: Lab, repaired: RepairResult, command: str) -> RepairDocument:
         measured=lab.bench.runs,
         built=len(lab.bench.built),
         bound=repaired.bound,
-        seconds=round(lab.seconds, 1),
+        seconds=round(lab.bench.seconds, 1),
         stopped=repaired.stopped,
         left=repaired.left,
         told=repaired.notes,
@@ -146,7 +145,6 @@ def document(lab: Lab, repaired: RepairResult, command: str) -> RepairDocument:
 
 
 def _run(number: int, run: Run) -> RunEntry:
-    judged, record = run.trial.assessed, run.trial.record
     # The guard is HEAVY minus what the cell requires; its size tells it apart from a remedy that names a few.
     guarded = len({*run.change.only_binary} & {*stages.HEAVY}) > len(stages.HEAVY) // 2
     plain = stages.unguarded(run.change) if guarded else run.change
@@ -158,16 +156,8 @@ def _run(number: int, run: Run) -> RunEntry:
         guarded=guarded,
         until=run.until,
         ended=describe_result(run.trial, run.until),
-        verdict=judged.verdict,
-        phase=judged.phase,
-        decisive=judged.decisive,
-        causes=tuple(str(each.signature.id) for each in run.trial.assessed.diagnoses),
-        unverified=judged.unverified,
-        lock_sha256=record.lock_sha256,
-        key=record.key,
-        python=record.python,
-        seconds=run.trial.seconds,
-        at_hand=run.trial.at_hand,
+        unverified=run.trial.assessed.unverified,
+        **trial_fields(run.trial),
     )
 
 

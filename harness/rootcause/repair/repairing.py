@@ -27,7 +27,6 @@ from harness.rootcause.repair.lab import (
     fails_further,
     find_lost_check,
     find_unenforced_bound,
-    versions,
 )
 from harness.rootcause.repair.narrowing import Narrowing
 from harness.rootcause.repair.stages import STAGES, Place
@@ -199,7 +198,7 @@ class Search:
     def _no_cure(self, before: Trial, trial: Trial) -> str | None:
         """Return why a working cell is no remedy all the same; None if it is one."""
         less = find_lost_check(self.before, trial)
-        return f"{less}, which is a weaker test" if less else find_unenforced_bound(self.lab, before, trial)
+        return f"{less}, which is a weaker test" if less else find_unenforced_bound(before, trial)
 
     # --- making it smaller -----------------------------------------------------------------------------------------
 
@@ -245,7 +244,7 @@ class Search:
         )
         if failing.failure is None:
             return None
-        suspects = (*self._of_builds(cure.change, failing), *narrowing.differing(self.lab, cure.trial, failing))
+        suspects = (*self._of_builds(cure.change, failing), *narrowing.differing(self.lab.base, cure.trial, failing))
         search = Narrowing(self.lab, rest, failing, interpreters.find(failing.cell.python))
         # Runs up to the failed phase are shorter; the search over all phases follows only if that gives no cure.
         phases = dict.fromkeys((failing.failure.phase or Phase.SUITE, Phase.SUITE))
@@ -289,7 +288,7 @@ class Search:
         """Return the change to the working release nearest to the one that the user pins; None if there is none."""
         (line,) = cure.move.change.requirements
         name, pinned = required_name(line), candidate_changes.pins(self.lab.base)
-        good = versions(self.lab, cure.trial).get(name)
+        good = cure.trial.versions.get(name)
         if name not in pinned or good is None:
             return None
         rest = candidate_changes.without(cure.change, cure.move.change)

@@ -17,7 +17,7 @@ from harness.reports.answers import result_index
 from harness.rootcause.bench import Trial
 from harness.rootcause.repair import candidate_changes, failure_hints, times
 from harness.rootcause.repair.candidate_changes import Move, Way
-from harness.rootcause.repair.lab import Lab, collect_reasons, versions
+from harness.rootcause.repair.lab import Lab
 from harness.rootcause.repair.narrowing import Suspect
 from harness.running.signatures import shipped_signatures
 from harness.standalone.failures.matching import Diagnosis
@@ -88,8 +88,8 @@ def replacing_bounds(place: Place) -> Iterator[Move]:
 
 def _named(place: Place) -> Iterator[Move]:
     cell, pinned = place.trial.cell, candidate_changes.pins(place.trial.cell)
-    had = versions(place.lab, place.trial) | pinned
-    for name, bound in failure_hints.find_unmet_bounds(collect_reasons(place.lab, place.trial), had).items():
+    had = place.trial.versions | pinned
+    for name, bound in failure_hints.find_unmet_bounds(place.trial.reasons, had).items():
         line = f"{name}{failure_hints.written(bound)}"
         why = f"the error names {line}"
         if name not in pinned:
@@ -126,7 +126,7 @@ def missing_packages(place: Place) -> Iterator[Move]:
     # A module that a build misses is missing in the isolated environment of that build; a requirement is no help.
     if place.phase in BOTH:
         return
-    cell, evidence = place.trial.cell, place.lab.evidence(place.trial)
+    cell, evidence = place.trial.cell, place.trial.assessed.failures
     for change in failure_hints.find_suggested_installs(cell, evidence):
         yield Move(change=change, way=Way.MISSING, why="what the error says to install")
     installed = place.trial.record.installed or {}
@@ -148,8 +148,8 @@ def overlay(place: Place) -> Iterator[Move]:
     """Yield repaired releases of packages that do not resolve or install."""
     if place.phase not in BOTH:
         return
-    packages = {*candidate_changes.asked_for(place.lab.base), *versions(place.lab, place.trial)}
-    text = "\n".join(text for one in place.lab.evidence(place.trial) for text in (*one.reasons, *one.logs))
+    packages = {*candidate_changes.asked_for(place.lab.base), *place.trial.versions}
+    text = "\n".join(text for one in place.trial.assessed.failures for text in (*one.reasons, *one.logs))
     for name in place.lab.recipes:
         if name in packages or re.search(rf"\b{re.escape(name)}\b", text):
             yield Move(
@@ -204,14 +204,14 @@ def _no_other(place: Place) -> bool:
 def _instants(place: Place, minor: str | None = None) -> tuple[str, ...]:
     """Return the times worth a try, on the Python of the cell or on another one."""
     minor = minor or (place.python.minor if place.python else place.trial.cell.python)
-    had = versions(place.lab, place.trial)
+    had = place.trial.versions
     return times.instants(place.trial.cell, had, minor, offline=place.lab.settings.offline)
 
 
 def lock(place: Place) -> Iterator[Move]:
     """Yield the versions of cells that work: the same cases, on the same Python, with what the user pins."""
     minor, pinned = place.python.minor if place.python else "", candidate_changes.pins(place.trial.cell)
-    bad = versions(place.lab, place.trial)
+    bad = place.trial.versions
     cases = {(case.env, case.api) for case in place.trial.cell.cases if case.env}
     results = result_index.load()
     changes_by_lock: dict[str, Change] = {}
@@ -236,8 +236,8 @@ def wheels(place: Place) -> Iterator[Move]:
     """Yield changes that build nothing from source: another release may have wheels."""
     if place.phase is not Phase.INSTALL:
         return
-    text = "\n".join(text for one in place.lab.evidence(place.trial) for text in one.reasons)
-    names = [name for name in versions(place.lab, place.trial) if re.search(rf"\b{re.escape(name)}\b", text)]
+    text = "\n".join(text for one in place.trial.assessed.failures for text in one.reasons)
+    names = [name for name in place.trial.versions if re.search(rf"\b{re.escape(name)}\b", text)]
     for name in names:
         yield Move(change=Change(only_binary=(name,)), way=Way.WHEELS, why=f"no build of {name}")
     yield Move(change=Change(only_binary=(":all:",)), way=Way.WHEELS, why="no build at all")
@@ -246,7 +246,7 @@ def wheels(place: Place) -> Iterator[Move]:
 def variables(place: Place) -> Iterator[Move]:
     """Yield ways to render, and a display."""
     here = frozenset(this_machine.facts().capabilities)
-    evidence, installed = place.lab.evidence(place.trial), place.trial.record.installed
+    evidence, installed = place.trial.assessed.failures, place.trial.record.installed
     yield from failure_hints.variables(place.trial.cell, place.phase, evidence, here=here, installed=installed)
 
 
@@ -291,7 +291,7 @@ def pins(place: Place) -> Iterator[Move]:
         if one.way is Way.PINS
     )
     pinned = candidate_changes.pins(place.lab.base)
-    for name in failure_hints.suspects(pinned, place.lab.evidence(place.trial)):
+    for name in failure_hints.suspects(pinned, place.trial.assessed.failures):
         for version in _around(place, name, Version(pinned[name])):
             change = candidate_changes.change_release(place.lab.base, name, f"=={version}")
             yield Move(change=change, way=Way.PINS, why=f"with {name} {version}", guard=True)

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from harness.model.report_types import format_count
-from harness.reports.template_files import read_template
-from harness.reports.text import report_markdown
+from harness.rootcause import search_documents
 from harness.rootcause.repair import pasting
 from harness.rootcause.repair.candidate_changes import Way
 from harness.rootcause.repair.proofs import RemedyEntry, RepairDocument, RunEntry
@@ -80,13 +78,5 @@ def _ended(run: RunEntry) -> str:
 
 def page(document: RepairDocument) -> str:
     """Return the document as a page, from the template `templates/repair.md.j2`."""
-    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
-
-    environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
-    environment.filters |= report_markdown.filters()
-    template = read_template("repair.md.j2")
-    context: dict[str, Any] = {name: getattr(document, name) for name in document.__struct_fields__}
-    lines = list(pasting.lines(document.remedy.paste)) if document.remedy else []
-    return environment.from_string(template).render(
-        **context, refused=Way.REFUSED, lines=[line.strip() for line in lines]
-    )
+    lines = pasting.lines(document.remedy.paste) if document.remedy else ()
+    return search_documents.page("repair.md.j2", document, refused=Way.REFUSED, lines=[line.strip() for line in lines])

@@ -14,7 +14,7 @@ from harness.model.vocabulary import parsed_requirement, required_name
 from harness.rootcause import search
 from harness.rootcause.bench import Trial
 from harness.rootcause.repair import candidate_changes, times
-from harness.rootcause.repair.lab import Lab, find_lost_check, versions
+from harness.rootcause.repair.lab import Lab, find_lost_check
 from harness.rootcause.search import Answer
 
 KINDS = ("requirements", "constraints")
@@ -71,7 +71,7 @@ class Widening:
 
     def _bounds(self) -> Iterator[Bound]:
         """Yield the lines that only bound a package whose version changed and that the user does not pin."""
-        old, new = versions(self.lab, self.before), versions(self.lab, self.after)
+        old, new = self.before.versions, self.after.versions
         pinned = candidate_changes.pins(self.lab.base)
         for kind in KINDS:
             for line in getattr(self.change, kind):
