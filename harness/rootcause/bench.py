@@ -43,9 +43,9 @@ class Trial:
 
     assessed: Assessed
     failure: Failure | None
-    lock: Path | None
     seconds: float
     at_hand: bool
+    lock: Path | None = None
 
     @property
     def record(self) -> CellRecord:

@@ -6,11 +6,11 @@ import argparse
 import gzip
 import json
 import os
-import pkgutil
 import sys
 from typing import Any, Dict, List, Mapping, Optional, Sequence
 
 from . import output, running, wrapping
+from .adapters import carried_file
 from .doctor import doctor
 from .doctor.environment_choice import NoEnvironment, find_own_python
 from .explain import explain
@@ -93,23 +93,15 @@ def _doctor(args: argparse.Namespace) -> int:
         request, running.run, doctor.Knowledge(_load_signatures(), lambda: _load_measurements() or {})
     )
     lines = wrapping.wrap_lines(doctor.lines(document, remedies.in_words), wrapping.width(sys.stdout))
-    doctor.write_line(json.dumps(document) if args.json else "\n".join(lines))
+    wrapping.print_text(json.dumps(document) if args.json else "\n".join(lines), sys.stdout)
     return doctor.code(document)
 
 
-# --- what it carries -------------------------------------------------------------------------------------------
-
-
-def _data(name: str) -> Optional[bytes]:
-    try:
-        return pkgutil.get_data(str(__package__), name)
-    except OSError:
-        # Only the single file carries data; a checkout (`python -m harness.standalone`) has none.
-        return None
+# --- what the single file carries (a checkout has none of it) ---------------------------------------------------
 
 
 def _load_signatures() -> List[Signature]:
-    content = _data(SIGNATURES)
+    content = carried_file(SIGNATURES)
     if content is None:
         message = "this file carries no known failures; make it by `simmatrix doctor --standalone FILE`"
         raise explain.UsageError(message)
@@ -117,7 +109,7 @@ def _load_signatures() -> List[Signature]:
 
 
 def _load_measurements() -> Optional[Mapping[str, Any]]:
-    content = _data(MEASURED)
+    content = carried_file(MEASURED)
     if content is None:
         return None
     measurements: Dict[str, Any] = json.loads(gzip.decompress(content).decode())

@@ -53,7 +53,7 @@ NAMES = {field.upper(): field for field in Adapter._fields}
 @lru_cache(maxsize=None)
 def adapters() -> Dict[str, Adapter]:
     """Return the declarations of all adapters, by API in order. Raises ValueError if one cannot be read."""
-    content = _data(CARRIED)
+    content = carried_file(CARRIED)
     if content is not None:
         return read(content)
     names = sorted(each.name for each in pkgutil.iter_modules([FOLDER]) if each.name.startswith(PREFIX))
@@ -112,7 +112,7 @@ def _literal(node: ast.expr, name: str, kind: type) -> Any:
 
 
 def _read_adapter(file: str) -> Adapter:
-    source = _data("../incell/{}".format(file)) or b""
+    source = carried_file("../incell/{}".format(file)) or b""
     try:
         return Adapter(**declarations(source.decode("utf-8")))
     except ValueError as error:
@@ -120,7 +120,8 @@ def _read_adapter(file: str) -> Adapter:
         raise ValueError(message) from None
 
 
-def _data(name: str) -> Optional[bytes]:
+def carried_file(name: str) -> Optional[bytes]:
+    """Return a file that lies beside this one, or that a file made to run alone carries; None if there is none."""
     try:
         return pkgutil.get_data(str(__package__), name)
     except OSError:

@@ -19,6 +19,12 @@ def width(stream: TextIO) -> Optional[int]:
     return max(shutil.get_terminal_size().columns, NARROWEST)
 
 
+def print_text(text: str, stream: TextIO) -> None:
+    """Print a text; characters that the encoding of the stream lacks are replaced."""
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    print(text.encode(encoding, "replace").decode(encoding), file=stream, flush=True)
+
+
 def wrap_lines(lines: Iterable[str], columns: Optional[int]) -> Iterator[str]:
     """Yield the lines; those that are sentences with a label are broken between words, the rest below the text."""
     for line in lines:

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from packaging.specifiers import SpecifierSet
-from packaging.utils import InvalidWheelFilename, parse_wheel_filename
 from packaging.version import Version
 
 from harness.machine import interpreters
@@ -15,9 +14,9 @@ from harness.model import Cell, Change, Interpreter
 from harness.model.errors import BadInput
 from harness.model.schema import suggestion
 from harness.model.vocabulary import Instant, required_name
-from harness.packages import index, locks
+from harness.packages import index
 from harness.packages.index import Release
-from harness.rootcause.repair import candidate_changes
+from harness.rootcause.repair import candidate_changes, times
 
 DAY = re.compile(r"\d{4}-\d{2}-\d{2}")
 
@@ -56,7 +55,7 @@ def of_package(cell: Cell, name: str, interpreter: Interpreter, options: LineOpt
     question = cell.question
     releases = index.releases(name, question.index, cutoff=question.snapshot, offline=options.offline)
     # A platform wheel shows that the package is compiled; releases with an sdist alone would be built here.
-    wheels = any(_fits(one, interpreter, native=True) for one in releases)
+    wheels = any(times.has_wheel(one.wheels, interpreter, native=True) for one in releases)
     binary = {name, ":all:"} & set(question.only_binary)
     reasons: dict[str, list[str]] = {}
     taken = []
@@ -92,7 +91,7 @@ def _find_exclusion(release: Release, interpreter: Interpreter, options: LineOpt
         return "pre-releases (--pre takes them in)"
     if release.requires_python and not _allows(release.requires_python, interpreter.version):
         return f"not for Python {interpreter.minor}, by their own words"
-    if not _fits(release, interpreter) and not (release.sdist and source):
+    if not times.has_wheel(release.wheels, interpreter) and not (release.sdist and source):
         return f"without a wheel for Python {interpreter.minor} on this machine"
     return None
 
@@ -102,19 +101,6 @@ def _allows(specifier: str, version: str) -> bool:
         return SpecifierSet(specifier).contains(version, prereleases=True)
     except ValueError:  # nobody can read it; the resolver decides
         return True
-
-
-def _fits(release: Release, interpreter: Interpreter, *, native: bool = False) -> bool:
-    """Return whether a release has a wheel for this Python; a `native` one is for few platforms."""
-    supported_tags = locks.tags(interpreter)
-    for file in release.wheels:
-        try:
-            tags = parse_wheel_filename(file)[3]
-        except InvalidWheelFilename:
-            continue
-        if any(tag in supported_tags and not (native and tag.platform == "any") for tag in tags):
-            return True
-    return False
 
 
 def _listed(names: list[str]) -> str:
@@ -137,17 +123,15 @@ def of_days(cell: Cell, packages: Iterable[str], interpreter: Interpreter, optio
             if release.uploaded and not _find_exclusion(release, interpreter, options, source=True):
                 days.add(release.uploaded[:10])
                 first = max(first, release.uploaded[:10]) if same(pinned.get(name, ""), release.version) else first
-    candidates = [_day(day) for day in sorted(days) if day >= first]
+    candidates = [
+        Candidate(name=day, change=Change(as_of=Instant.canonical(day))) for day in sorted(days) if day >= first
+    ]
     if candidates and question.snapshot and candidates[-1].change.as_of != question.snapshot:
         # The end of that day is later than the cell's own instant, so the instant takes the place of the day.
         if candidates[-1].name == question.snapshot[:10]:
             candidates.pop()
         candidates.append(Candidate(name=question.snapshot, change=Change(as_of=question.snapshot)))
     return Candidates(candidates=tuple(candidates))
-
-
-def _day(day: str) -> Candidate:
-    return Candidate(name=day, change=Change(as_of=Instant.canonical(day)))
 
 
 # --- Pythons ---------------------------------------------------------------------------------------------------

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from packaging.specifiers import SpecifierSet
-from packaging.version import Version
 
 from harness.machine.store import cache_folder
 from harness.packages.environments import site_packages
@@ -43,14 +42,7 @@ def _of_the_day(base: Trial, axis: str, line: Sequence[Candidate], *, offline: b
         base.cell
     )
     others = {name: version for name, version in versions.items() if version and name != axis}
-    days = [day for name, version in others.items() if (day := _uploaded(base, name, version, offline=offline))]
+    days = [at for name, version in others.items() if (at := times.uploaded(base.cell, name, version, offline=offline))]
     if days:
-        before = [place for place, one in enumerate(line) if one.uploaded and one.uploaded[:10] <= max(days)]
+        before = [place for place, one in enumerate(line) if one.uploaded and one.uploaded[:10] <= max(days)[:10]]
         yield from before[-1:]
-
-
-def _uploaded(base: Trial, name: str, version: str, *, offline: bool) -> str | None:
-    releases = times.releases(name, base.cell.question.index, None, offline=offline)
-    return next(
-        (one.uploaded[:10] for one in releases if one.uploaded and Version(one.version) == Version(version)), None
-    )

@@ -12,6 +12,7 @@ from packaging.utils import canonicalize_name
 from harness.model import Cell, Change, Phase
 from harness.model.vocabulary import parsed_requirement, readers, required_name
 from harness.rootcause.repair.candidate_changes import Move, Way, asked_for, constraint
+from harness.standalone import keys
 from harness.standalone.failures.matching import Evidence
 
 # --- what is imported and not required -------------------------------------------------------------------------
@@ -91,11 +92,6 @@ def bounds(texts: Iterable[str], names: Collection[str]) -> dict[str, SpecifierS
     return specifiers
 
 
-def all_bounds(text: str, name: str) -> tuple[SpecifierSet, ...]:
-    """Return all bounds that a text names on a package."""
-    return tuple(bound for each, bound in named_bounds(text) if each == name)
-
-
 def named_bounds(text: str) -> Iterator[tuple[str, SpecifierSet]]:
     """Yield packages with their bounds; `a>=2 or <1` gives two for one package. A pin is not a bound."""
     name = ""
@@ -126,10 +122,8 @@ def subjects(text: str) -> frozenset[str]:
 
 # --- what may be at fault --------------------------------------------------------------------------------------
 
-IMPORTED_AS = {
-    "opencv-python": "cv2", "opencv-python-headless": "cv2", "pyopengl": "OpenGL", "pillow": "PIL", "pyyaml": "yaml",
-    "dm-tree": "tree", "scikit-learn": "sklearn", "scikit-image": "skimage", "protobuf": "google", "attrs": "attr",
-}  # fmt: skip
+MODULES = {required_name(line): module for module, line in PROVIDERS.items() if required_name(line) not in PROVIDERS}
+"""Packages of that table, and the modules that they are imported as, where these are called otherwise."""
 
 
 def suspects(names: Iterable[str], evidence: Iterable[Evidence]) -> tuple[str, ...]:
@@ -139,16 +133,11 @@ def suspects(names: Iterable[str], evidence: Iterable[Evidence]) -> tuple[str, .
     logs = "\n".join(text for one in shown for text in one.logs)
 
     def rank(name: str) -> tuple[int, int, str]:
-        pattern = re.compile(rf"\b{re.escape(IMPORTED_AS.get(name, name.replace('-', '_')))}\b", re.IGNORECASE)
+        module = MODULES.get(name) or keys.MODULES.get(name) or name.replace("-", "_")
+        pattern = re.compile(rf"\b{re.escape(module)}\b", re.IGNORECASE)
         return -min(len(pattern.findall(reasons)), 1), -len(pattern.findall(logs)), name
 
     return tuple(sorted(names, key=rank))
-
-
-def named(name: str, evidence: Iterable[Evidence]) -> bool:
-    """Return whether a line that says why names the package."""
-    pattern = re.compile(rf"\b{re.escape(IMPORTED_AS.get(name, name.replace('-', '_')))}\b", re.IGNORECASE)
-    return any(pattern.search(text) for one in evidence for text in one.reasons)
 
 
 # --- variables -------------------------------------------------------------------------------------------------

@@ -113,9 +113,7 @@ class Narrowing:
 
     def _boundary(self, suspect: Suspect, others: Change) -> Change:
         line = self._line(suspect)
-        if len(line) <= 2 and suspect.required:
-            return suspect.at(f"=={suspect.good}")
-        if len(line) < 2:
+        if len(line) < 2 or (len(line) == 2 and suspect.required):
             return suspect.at(f"=={suspect.good}")
         self.bound += search.bound(len(line))
 
@@ -138,16 +136,12 @@ class Narrowing:
             return suspect.at(f"=={suspect.good}")
         if suspect.required:
             return suspect.at(f"=={boundary.good}")
-        # Releases that could not be tested stay out of the bound: only what was seen to work is allowed.
-        beyond = boundary.between[0] if boundary.between else boundary.bad
         self.notes.append(f"{suspect.name} {boundary.good} works, {boundary.bad} does not")
-        return suspect.at(self._combine_bound(suspect, candidate_changes.bound(str(boundary.good), str(beyond))))
-
-    def _combine_bound(self, suspect: Suspect, bound: str) -> str:
-        """Return the bound, combined with those that the cell has on the package already."""
-        if suspect.build:
-            return bound
-        return candidate_changes.constraint(self.lab.base, suspect.name, bound).removeprefix(suspect.name)
+        bound = bound_of(boundary)
+        if not suspect.build:
+            # The cell may have bounds on the package already.
+            bound = candidate_changes.constraint(self.lab.base, suspect.name, bound).removeprefix(suspect.name)
+        return suspect.at(bound)
 
     def _line(self, suspect: Suspect) -> list[Version]:
         """Return the releases from the good one to the bad one, both included."""
@@ -160,10 +154,20 @@ class Narrowing:
             self.lab.base, suspect.name, self.interpreter, wheels=False, offline=offline
         )
         good = Version(suspect.good)
-        bad = Version(suspect.bad) if suspect.bad else max(releases, default=good)
-        low, high = min(good, bad), max(good, bad)
-        line = sorted({good, bad, *(each for each in releases if low < each < high)})
-        return line if good <= bad else line[::-1]
+        return line_between(good, Version(suspect.bad) if suspect.bad else max(releases, default=good), releases)
+
+
+def line_between(good: Version, bad: Version, releases: Iterable[Version]) -> list[Version]:
+    """Return the releases from the good one to the bad one, both included."""
+    low, high = sorted((good, bad))
+    line = sorted({low, high, *(each for each in releases if low < each < high)})
+    return line if good == low else line[::-1]
+
+
+def bound_of(boundary: search.Boundary[Version]) -> str:
+    """Return the specifier that allows what was seen to work: releases that could not be tested stay out of it."""
+    beyond = boundary.between[0] if boundary.between else boundary.bad
+    return candidate_changes.bound(str(boundary.good), str(beyond))
 
 
 def _likely(line: Sequence[Version]) -> list[int]:

@@ -62,12 +62,10 @@ Stage = Callable[[Place], Iterator[Move]]
 
 def guarded(place: Place, move: Move) -> Change:
     """Return the change of a move; if the move has a guard, big packages are not built from source."""
-    required_names = {*candidate_changes.asked_for(place.lab.base)}
     if not move.guard:
         return move.change
-    return candidate_changes.merge_changes(
-        move.change, Change(only_binary=tuple(name for name in HEAVY if name not in required_names))
-    )
+    heavy = tuple(name for name in HEAVY if name not in candidate_changes.asked_for(place.lab.base))
+    return candidate_changes.merge_changes(move.change, Change(only_binary=heavy))
 
 
 def unguarded(change: Change, own: Collection[str] = ()) -> Change:
@@ -77,16 +75,7 @@ def unguarded(change: Change, own: Collection[str] = ()) -> Change:
 
 
 def named_bounds(place: Place) -> Iterator[Move]:
-    """Yield the bounds that the failure names, where they leave what the user asked for."""
-    yield from (one for one in _named(place) if one.way is Way.NAMED)
-
-
-def replacing_bounds(place: Place) -> Iterator[Move]:
-    """Yield the bounds that the failure names, in place of what the user asked for."""
-    yield from (one for one in _named(place) if one.way is Way.REFUSED)
-
-
-def _named(place: Place) -> Iterator[Move]:
+    """Yield the bounds that the failure names, beside what the user asked for or (`REFUSED`) in its place."""
     cell, pinned = place.trial.cell, candidate_changes.pins(place.trial.cell)
     had = place.trial.versions | pinned
     for name, bound in failure_hints.find_unmet_bounds(place.trial.reasons, had).items():
@@ -108,17 +97,15 @@ def _named(place: Place) -> Iterator[Move]:
 
 def signature_remedies(place: Place) -> Iterator[Move]:
     """Yield remedies of the known failures that keep what the user asked for."""
-    diagnoses = place.trial.assessed.diagnoses or tuple(_silent(place.trial))
-    yield from (
-        one for one in candidate_changes.propose_remedies(place.trial.cell, diagnoses) if one.way is Way.SIGNATURE
+    # A working cell may leave silent issues open.
+    silent = {name.removeprefix(PREFIX) for name in place.trial.assessed.unverified if name.startswith(PREFIX)}
+    diagnoses = place.trial.assessed.diagnoses or tuple(
+        Diagnosis(signature=one, phase=None, seen="", is_reason=False)
+        for one in shipped_signatures.load_all()
+        if one.id in silent
     )
-
-
-def _silent(trial: Trial) -> Iterator[Diagnosis]:
-    """Yield the silent issues that a working cell leaves open."""
-    left = {name.removeprefix(PREFIX) for name in trial.assessed.unverified if name.startswith(PREFIX)}
-    signatures = (one for one in shipped_signatures.load_all() if one.id in left)
-    yield from (Diagnosis(signature=one, phase=None, seen="", is_reason=False) for one in signatures)
+    remedies = candidate_changes.propose_remedies(place.trial.cell, diagnoses)
+    yield from (one for one in remedies if one.way is Way.SIGNATURE)
 
 
 def missing_packages(place: Place) -> Iterator[Move]:
@@ -236,7 +223,7 @@ def wheels(place: Place) -> Iterator[Move]:
     """Yield changes that build nothing from source: another release may have wheels."""
     if place.phase is not Phase.INSTALL:
         return
-    text = "\n".join(text for one in place.trial.assessed.failures for text in one.reasons)
+    text = "\n".join(place.trial.reasons)
     names = [name for name in place.trial.versions if re.search(rf"\b{re.escape(name)}\b", text)]
     for name in names:
         yield Move(change=Change(only_binary=(name,)), way=Way.WHEELS, why=f"no build of {name}")
@@ -316,12 +303,12 @@ def _usable(place: Place, name: str) -> tuple[Version, ...]:
 
 # `Way.DISPLAY` has no stage of its own: `variables` yields its moves, too.
 STAGES: dict[Way, Stage] = {
-    Way.NAMED: named_bounds,
+    Way.NAMED: lambda place: (one for one in named_bounds(place) if one.way is Way.NAMED),
     Way.SIGNATURE: signature_remedies,
     Way.MISSING: missing_packages,
     Way.OVERLAY: overlay,
     Way.BUILDS: builds,
-    Way.REFUSED: replacing_bounds,
+    Way.REFUSED: lambda place: (one for one in named_bounds(place) if one.way is Way.REFUSED),
     Way.DATE: date,
     Way.LOCK: lock,
     Way.WHEELS: wheels,

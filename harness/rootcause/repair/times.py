@@ -53,7 +53,7 @@ def instants(cell: Cell, installed: dict[str, str], minor: str, *, offline: bool
     pinned = candidate_changes.pins(cell) or {
         name: installed[name] for name in candidate_changes.asked_for(cell) if name in installed
     }
-    uploads = [at for name, version in pinned.items() if (at := _uploaded(cell, name, version, offline=offline))]
+    uploads = [at for name, version in pinned.items() if (at := uploaded(cell, name, version, offline=offline))]
     if not uploads:
         return ()
     newest = datetime.fromisoformat(max(uploads))
@@ -66,7 +66,7 @@ def instants(cell: Cell, installed: dict[str, str], minor: str, *, offline: bool
     return tuple(text for text in texts if cell.question.snapshot is None or text < cell.question.snapshot)
 
 
-def _uploaded(cell: Cell, name: str, version: str, *, offline: bool) -> str | None:
+def uploaded(cell: Cell, name: str, version: str, *, offline: bool) -> str | None:
     """Return the upload time of a release; None if it is unknown."""
     for release in releases(name, cell.question.index, None, offline=offline):
         if Version(release.version) == Version(version):
@@ -86,17 +86,19 @@ def usable(
     return tuple(
         version
         for version, one in versions
-        if not version.is_prerelease and ((one.sdist and not wheels) or _has_wheel(one.wheels, interpreter))
+        if not version.is_prerelease and ((one.sdist and not wheels) or has_wheel(one.wheels, interpreter))
     )
 
 
-def _has_wheel(files: Iterable[str], interpreter: Interpreter | None) -> bool:
+def has_wheel(files: Iterable[str], interpreter: Interpreter | None, *, native: bool = False) -> bool:
+    """Return whether a wheel is for this Python, any if it is None; a `native` one is for few platforms."""
+    supported = None if interpreter is None else locks.tags(interpreter)
     for file in files:
         try:
             tags = parse_wheel_filename(file)[3]
         except InvalidWheelFilename:
             continue
-        if interpreter is None or any(tag in locks.tags(interpreter) for tag in tags):
+        if any((supported is None or tag in supported) and not (native and tag.platform == "any") for tag in tags):
             return True
     return False
 

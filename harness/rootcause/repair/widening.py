@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
-from packaging.specifiers import Specifier, SpecifierSet
+from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness.machine import interpreters
@@ -15,6 +15,7 @@ from harness.rootcause import search
 from harness.rootcause.bench import Trial
 from harness.rootcause.repair import candidate_changes, times
 from harness.rootcause.repair.lab import Lab, find_lost_check
+from harness.rootcause.repair.narrowing import bound_of, line_between
 from harness.rootcause.search import Answer
 
 KINDS = ("requirements", "constraints")
@@ -101,21 +102,12 @@ class Widening:
         boundary = search.boundary(line, test, prior_answers=answers)
         if boundary.good is None or boundary.bad is None:
             return change
-        beyond = boundary.between[0] if boundary.between else boundary.bad
         self.notes.append(f"{bound.name} {boundary.good} works, {boundary.bad} does not")
-        mine = candidate_changes.bound(str(boundary.good), str(beyond))
-        return bound.put(change, str(_instead(specifier, bound.side, mine)))
+        rest = [str(each) for each in specifier if each.operator not in bound.side]
+        return bound.put(change, str(SpecifierSet(",".join([*rest, bound_of(boundary)]))))
 
     def _line(self, bound: Bound) -> list[Version]:
         """Return the releases from the good one to the bad one, both included."""
         python, offline = interpreters.find(self.after.cell.python), self.lab.settings.offline
         releases = times.usable(self.lab.base, bound.name, python, wheels=True, offline=offline)
-        low, high = sorted((bound.good, bound.bad))
-        line = sorted({low, high, *(each for each in releases if low < each < high)})
-        return line if bound.good == low else line[::-1]
-
-
-def _instead(specifier: SpecifierSet, side: frozenset[str], bound: str) -> SpecifierSet:
-    """Return the specifier with another bound on this side."""
-    rest: list[Specifier] = [each for each in specifier if each.operator not in side]
-    return SpecifierSet(",".join([*map(str, rest), bound]))
+        return line_between(bound.good, bound.bad, releases)

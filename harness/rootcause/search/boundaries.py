@@ -48,11 +48,6 @@ class Boundary(Generic[T]):
     rates: tuple[float, float]
     chain: tuple[Turn[T], ...] = ()
 
-    @property
-    def exists(self) -> bool:
-        """Return whether there is a boundary."""
-        return self.good is not None
-
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Progress(Generic[T]):

@@ -20,19 +20,14 @@ MOST = 9
 class Minimal(Generic[T]):
     """The `items` that cure, none of which can be left out as far as that could be tested; None if all do not cure.
 
-    `observations` is every test in order, `bound` how many tests a single culprit needs at most. `least` is true if
-    each item was shown to be needed; leaving out an item of `unsure` could not be tested.
+    `observations` is every test in order, `bound` how many tests a single culprit needs at most. Leaving out an item of
+    `unsure` could not be tested.
     """
 
     items: tuple[T, ...] | None
     observations: tuple[Observation[tuple[T, ...]], ...]
     bound: int
     unsure: tuple[T, ...] = ()
-
-    @property
-    def least(self) -> bool:
-        """Return whether each item was seen to be needed."""
-        return not self.unsure
 
 
 def minimise(items: Sequence[T], test: Callable[[tuple[T, ...]], Answer], *, rules: Rules = USUAL) -> Minimal[T]:

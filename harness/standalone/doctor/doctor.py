@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import shutil
-import sys
 import tempfile
 from typing import Any, Callable, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
@@ -321,9 +319,3 @@ def _of_versions(report: JsonObject, near: JsonObject) -> bool:
     """
     checks = {one["check"] for one in report["findings"] if one["level"] == WARNING} & OF_VERSIONS
     return any(near["env"] or not check.startswith("env.") for check in checks)
-
-
-def write_line(text: str) -> None:
-    """Write to stdout; characters that its encoding lacks are replaced."""
-    encoding = sys.stdout.encoding or "ascii"
-    sys.stdout.write(text.encode(encoding, "replace").decode(encoding) + os.linesep)

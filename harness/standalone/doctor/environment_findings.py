@@ -102,7 +102,11 @@ def predict_failures(signatures: Iterable[Any], facts: JsonObject) -> List[Any]:
     there = versions(facts)
     plain = [one for one in signatures if not one.masks and one.phases and not {"resolve", "install"} & {*one.phases}]
     # `lurking` takes only silent failures and asks for nothing but packages, which is the question here.
-    sure = [one._replace(silent=True) for one in plain if not one.silent and _bounded(one)]
+    sure = [
+        one._replace(silent=True)
+        for one in plain
+        if not one.silent and sum(part.bounded for part in one.packages) + bool(one.python) > 1
+    ]
     by_remedy: Dict[Any, Any] = {}
     for signature in lurking(sure, around(facts)):
         remedy = tuple(sorted(versions_asked([signature])))
@@ -111,13 +115,6 @@ def predict_failures(signatures: Iterable[Any], facts: JsonObject) -> List[Any]:
         ):
             by_remedy[remedy] = signature
     return list(by_remedy.values())
-
-
-def _bounded(signature: Any) -> bool:
-    with_versions = [
-        part for part in signature.packages if all(requirement(text).specifiers for text in part.requirements)
-    ]
-    return len(with_versions) + bool(signature.python) > 1
 
 
 def versions_asked(signatures: Iterable[Any]) -> List[str]:
@@ -274,12 +271,9 @@ def _package(by: str, differences: Sequence[Difference], facts: JsonObject) -> F
 
 def _import(by: str, differences: Sequence[Difference], _: JsonObject) -> Finding:
     names, first = ", ".join(one.module for one in differences), differences[0]
-    text = "with {} `import {}` {}; without, {}".format(by, names, first.as_it_is, _short(first.scrubbed))
+    alone = "it " + first.scrubbed if first.scrubbed.startswith("fails") else "it works"
+    text = "with {} `import {}` {}; without, {}".format(by, names, first.as_it_is, alone)
     return Finding("probe.difference", WARNING, text)
-
-
-def _short(outcome: str) -> str:
-    return "it " + outcome if outcome.startswith("fails") else "it works"
 
 
 def _module(by: str, differences: Sequence[Difference], _: JsonObject) -> Finding:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pkgutil
-from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ..keys import LEFT_OUT, MODULES
 from ..running import ProcessResult, Run
@@ -64,28 +64,27 @@ def ensure_folder(folder: str) -> str:
 
 def describe_environment(here: Viewpoint, name: str, *flags: str) -> Dict[str, Any]:
     """Return the interpreter's description of its environment; if it gives none, `trouble` is the reason."""
-    target = os.path.join(here.scratch, name + ".json")
-    # -B keeps bytecode out of the environment. The answer goes to a file, because the output mixes both streams.
-    argv = [here.python, "-B", *flags, _script(here, "describe_environment.py"), target]
-    ran = here.run(argv, here.variables, here.folder, LOOKING_SECONDS)
-    try:
-        with open(target, encoding="ascii") as file:
-            description = json.load(file)
-        assert isinstance(description, dict)
-    except (OSError, ValueError, AssertionError):
-        return {"trouble": describe_end(ran), "output": ran.output[-6000:]}
-    return description
+    description, ran = _answer(here, "describe_environment.py", name, LOOKING_SECONDS, *flags)
+    return description or {"trouble": describe_end(ran), "output": ran.output[-6000:]}
 
 
 def list_rendering_support(here: Viewpoint) -> Dict[str, Any]:
     """Return the rendering libraries and devices found here; empty if they cannot be determined."""
-    target = os.path.join(here.scratch, "seen.json")
-    here.run([here.python, "-B", _script(here, "list_renderers.py"), target], here.variables, here.folder, 30.0)
+    return _answer(here, "list_renderers.py", "seen", 30.0)[0]
+
+
+def _answer(
+    here: Viewpoint, script: str, name: str, seconds: float, *flags: str
+) -> Tuple[Dict[str, Any], ProcessResult]:
+    """Run a script of ours in the environment's interpreter. Return its answer, empty without one, and its end."""
+    target = os.path.join(here.scratch, name + ".json")
+    # -B keeps bytecode out of the environment. The answer goes to a file, because the output mixes both streams.
+    ran = here.run([here.python, "-B", *flags, _script(here, script), target], here.variables, here.folder, seconds)
     try:
         with open(target, encoding="ascii") as file:
-            return dict(json.load(file))
-    except (OSError, ValueError):
-        return {}
+            return dict(json.load(file)), ran
+    except (OSError, ValueError, TypeError):
+        return {}, ran
 
 
 def describe_end(ran: ProcessResult) -> str:
@@ -162,7 +161,8 @@ def _together(here: Viewpoint, names: Sequence[str]) -> Dict[str, Dict[str, Any]
 
 def _died(name: str, ran: ProcessResult, *, started: bool) -> Dict[str, Any]:
     slow = ran.timed_out or ran.signal == "SIGALRM"
-    message = "TimeoutError: `import {}` takes more than {} s".format(name, SECONDS) if slow else _death(ran)
+    death = "killed by " + ran.signal if ran.signal else "the process ended with exit code {}".format(ran.code)
+    message = "TimeoutError: `import {}` takes more than {} s".format(name, SECONDS) if slow else death
     return {
         "module": name,
         "error": message if started else describe_end(ran),
@@ -171,10 +171,6 @@ def _died(name: str, ran: ProcessResult, *, started: bool) -> Dict[str, Any]:
         "output": ran.output[-6000:],
         "libraries": [],
     }
-
-
-def _death(ran: ProcessResult) -> str:
-    return "killed by " + ran.signal if ran.signal else "the process ended with exit code {}".format(ran.code)
 
 
 def _lines(path: str) -> Iterator[Dict[str, Any]]:
@@ -201,7 +197,8 @@ def run_probes(here: Viewpoint) -> Dict[str, Any]:
     names = modules(looked)
     startable = [one for one in (as_it_is, scrubbed) if "trouble" not in one]
     results = imports(here, names) if as_it_is in startable else {}
-    alike = not here.removed and not _apart(as_it_is, scrubbed)
+    # Something may come from the folder or the user site, too.
+    alike = not here.removed and all(as_it_is.get(key) == scrubbed.get(key) for key in ("path", "hidden"))
     again = results if alike else imports(clean, names) if scrubbed in startable else {}
     return {
         "facts": as_it_is,
@@ -210,8 +207,3 @@ def run_probes(here: Viewpoint) -> Dict[str, Any]:
         "clean_imports": again,
         "left_out": left_out(looked),
     }
-
-
-def _apart(description: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Return whether something can come from the folder or the user site."""
-    return description.get("path") != other.get("path") or description.get("hidden") != other.get("hidden")

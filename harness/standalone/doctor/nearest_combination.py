@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ..adapters import package
 from ..failures import matching
@@ -16,7 +16,7 @@ from ..keys import SIMULATORS, weight
 from ..requirements import Requirement, requirement
 from ..versions import is_version, version
 from .differences import versions
-from .package_findings import NOTE, WARNING, Finding, find_violations
+from .package_findings import NOTE, WARNING, Finding, Violation, find_violations
 
 JsonObject = Mapping[str, Any]
 PYTHON, UNCOVERED, FARTHEST = 8, 20, 2
@@ -104,12 +104,8 @@ def _green(measured: JsonObject, env: Optional[str]) -> Iterator[Tuple[JsonObjec
 def _shares(issues: Sequence[Any], cell: JsonObject, lock: Mapping[str, str]) -> bool:
     """Tell whether the versions of a cell run into one of these known failures, as those that are installed here do."""
     # A failure of packages in any version says nothing against a cell that was measured to work.
-    bounded = [one._replace(silent=True) for one in issues if any(map(_bounded, one.packages))]
+    bounded = [one._replace(silent=True) for one in issues if any(part.bounded for part in one.packages)]
     return bool(matching.lurking(bounded, Around(installed=lock, python=cell["python"])))
-
-
-def _bounded(part: Any) -> bool:
-    return all(requirement(text).specifiers for text in part.requirements)
 
 
 def good(cell: JsonObject) -> bool:
@@ -222,18 +218,10 @@ def _with_missing(facts: JsonObject, candidate: Candidate, requirements: Sequenc
 
 def _with_needs(facts: JsonObject, candidate: Candidate) -> Candidate:
     """Add the changes of further packages that would otherwise conflict with the changes."""
-    there = versions(facts)
     changes = list(candidate.changes)
-    before = {(each.asker, each.name) for each in find_violations(facts, there)}
     while True:
-        new_versions = {**there, **{each.name: each.then for each in changes}}
-        stays = set(there) - {each.name for each in changes}
-        hurt = [
-            each
-            for each in find_violations(facts, new_versions)
-            if each.asker in stays and (each.asker, each.name) not in before
-        ]
-        more = [each for each in candidate.also if each.name in {name.asker for name in hurt} and each not in changes]
+        hurt = {each.asker for each in _newly_unmet(facts, changes)}
+        more = [each for each in candidate.also if each.name in hurt and each not in changes]
         if not more:
             return candidate._replace(
                 changes=tuple(changes), also=tuple(each for each in candidate.also if each not in changes)
@@ -241,16 +229,23 @@ def _with_needs(facts: JsonObject, candidate: Candidate) -> Candidate:
         changes += more
 
 
+def _newly_unmet(facts: JsonObject, changes: Iterable[Change]) -> List[Violation]:
+    """Return the requirements of unchanged packages that the changes break."""
+    there, changed = versions(facts), {each.name: each.then for each in changes}
+    before = {(each.asker, each.name) for each in find_violations(facts, there)}
+    return [
+        each
+        for each in find_violations(facts, {**there, **changed})
+        if each.asker in there and each.asker not in changed and (each.asker, each.name) not in before
+    ]
+
+
 def describe_conflicts(facts: JsonObject, candidate: Candidate) -> List[str]:
     """Return sentences about unchanged packages whose requirements the changes break."""
     there = versions(facts)
-    changed = {each.name: each.then for each in candidate.changes}
-    before = {(each.asker, each.name) for each in find_violations(facts, there)}
-    after = find_violations(facts, {**there, **changed})
     return [
         "{} {} asks for {}".format(each.asker, there[each.asker], each.text)
-        for each in after
-        if each.asker in there and each.asker not in changed and (each.asker, each.name) not in before
+        for each in _newly_unmet(facts, candidate.changes)
     ]
 
 
@@ -276,13 +271,9 @@ def find_failure(facts: JsonObject, measured: JsonObject) -> List[Finding]:
 
 
 def _failing(cell: JsonObject, wanted: Sequence[str]) -> List[str]:
-    """Return the environments that failed in a cell, of those whose API is installed here."""
-    return [case["env"] for case in cell["cases"] if case["env"] and package(case["api"]) in wanted and _bad(case)]
-
-
-def _bad(case: JsonObject) -> bool:
-    """Return whether a case failed, or misleads."""
-    return bool(FAILED & set(case["phases"].values()) or case.get("misleads"))
+    """Return the environments that failed or mislead in a cell, of those whose API is installed here."""
+    bad = [case for case in cell["cases"] if FAILED & set(case["phases"].values()) or case.get("misleads")]
+    return [case["env"] for case in bad if case["env"] and package(case["api"]) in wanted]
 
 
 def _red(cell: JsonObject, envs: Sequence[str]) -> Finding:

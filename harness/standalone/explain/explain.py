@@ -163,8 +163,7 @@ def _end(ended: Any) -> str:
 def _print(explanation: Explanation, place: Place, stream: TextIO, *before: str) -> None:
     lines = wrapping.wrap_lines(explanation_text.lines(explanation, place), wrapping.width(stream))
     text = "\n".join([*before, *lines])
-    encoding = getattr(stream, "encoding", None) or "utf-8"
-    print(text.encode(encoding, "replace").decode(encoding), file=stream, flush=True)
+    wrapping.print_text(text, stream)
 
 
 def _with_missing(explanation: Explanation, excerpt: Excerpt) -> Explanation:

@@ -57,8 +57,9 @@ def read_failure(text: str, *, surely: bool = False) -> Failure:
     picked = list(_tracebacks(lines))
     gave_up = installer(lines)
     killed = _signal(text)
-    decisive = _decisive(text, lines, gave_up, picked)
-    marked = bool(picked or gave_up or killed or _marked(text))
+    # Without a traceback an installer's reason is what a person would quote.
+    decisive = gave_up if gave_up and not picked else said.decisive_line(text)
+    marked = bool(picked or gave_up or killed or MARKED.search(text) or NAMED.search(text))
     failed = marked or surely
     first = decisive if failed else None
     every = [line for line in [first, *reversed(picked), *_complaints(lines)] if line]
@@ -197,21 +198,10 @@ MARKED = re.compile("|".join(MARKS), re.MULTILINE | re.IGNORECASE)
 NAMED = re.compile(r"\b[A-Za-z]*(?:Error|Exception): \D")
 
 
-def _marked(text: str) -> bool:
-    return bool(MARKED.search(text) or NAMED.search(text))
-
-
 def _complaints(lines: Sequence[str]) -> Iterator[str]:
     """Yield the lines that call themselves errors, the last ones first."""
     complaints = [line for line in lines if said.ERROR.match(line) or re.match(r"^\[(?:Error|Fatal)\] \[", line)]
     yield from (shorten_line(line) for line in reversed(complaints[-40:]))
-
-
-def _decisive(text: str, lines: Sequence[str], gave_up: Optional[str], picked: Sequence[str]) -> Optional[str]:
-    """Return the line that a person would quote; an installer's reason if there is no traceback."""
-    if gave_up and not picked:
-        return gave_up
-    return said.decisive_line(text)
 
 
 # --- where it failed -------------------------------------------------------------------------------------------

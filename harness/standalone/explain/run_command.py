@@ -128,20 +128,26 @@ def _same(descriptor: int, other: int) -> bool:
 # --- what is written -------------------------------------------------------------------------------------------
 
 
-def _copy(streams: Sequence[_Stream], log: BinaryIO, process: Any) -> bool:
-    """Show and keep what comes until the command and its children have ended; True where some still write."""
+def _copy(streams: Sequence[_Stream], log: BinaryIO, process: Any = None) -> bool:
+    """Show and keep what comes until the command and its children have ended; True where some still write.
+
+    Without a process all streams are read to their ends.
+    """
     ended: Optional[float] = None
     with selectors.DefaultSelector() as waiting:
         for stream in streams:
-            waiting.register(stream.reading, selectors.EVENT_READ, stream)
+            with contextlib.suppress(OSError, ValueError):  # this one has ended
+                waiting.register(stream.reading, selectors.EVENT_READ, stream)
         while waiting.get_map():
             # The end of the command is polled, because its children may hold the streams open long after it.
-            ready = waiting.select(0.1 if ended is None else QUIET)
+            ready = waiting.select(None if process is None else 0.1 if ended is None else QUIET)
             for key, _ in ready:
                 if not _pass_on(key.data, log):
                     waiting.unregister(key.fd)
                     # If our own reader has gone, the command now gets a broken pipe, as it would without us.
                     os.close(key.fd)
+            if process is None:
+                continue
             if ended is None and process.poll() is not None:
                 ended = time.monotonic()
             elif ended is not None and (not ready or time.monotonic() - ended > LONGEST):
@@ -163,24 +169,10 @@ def _go_on(streams: Sequence[_Stream], log: BinaryIO) -> None:
     if os.fork():
         return
     try:
-        _copy_rest(streams, log)
+        _copy(streams, log)
     finally:
         # `sys.exit` would run our caller's `finally` blocks, and write its buffers a second time.
         os._exit(0)
-
-
-def _copy_rest(streams: Sequence[_Stream], log: BinaryIO) -> None:
-    with selectors.DefaultSelector() as waiting:
-        for stream in streams:
-            try:
-                waiting.register(stream.reading, selectors.EVENT_READ, stream)
-            except (OSError, ValueError):  # this one has ended
-                continue
-        while waiting.get_map():
-            for key, _ in waiting.select():
-                if not _pass_on(key.data, log):
-                    waiting.unregister(key.fd)
-                    os.close(key.fd)
 
 
 # --- signals ---------------------------------------------------------------------------------------------------

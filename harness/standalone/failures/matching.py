@@ -39,6 +39,11 @@ class Part(NamedTuple):
 
     requirements: Tuple[str, ...]
 
+    @property
+    def bounded(self) -> bool:
+        """Return whether each of them names versions."""
+        return all(requirement(text).specifiers for text in self.requirements)
+
 
 class Signature(NamedTuple):
     """A known failure, `plain` as its file has it."""

@@ -117,8 +117,6 @@ def test_suspects() -> None:
         Evidence(phase=Phase.SINGLE, reasons=("module 'cv2' has no attribute 'x'",), logs=("numpy/core numpy",))
     ]
     assert failure_hints.suspects(["aaa", "numpy", "opencv-python"], evidence) == ("opencv-python", "numpy", "aaa")
-    assert failure_hints.named("opencv-python", evidence)
-    assert not failure_hints.named("numpy", evidence)
 
 
 def test_ways_of_drawing() -> None:
@@ -184,7 +182,7 @@ def test_bounds_that_are_not_met() -> None:
 
 def test_alternatives_of_one_package() -> None:
     """`or` goes on with the package before it."""
-    assert [str(each) for each in failure_hints.all_bounds("take gymnasium>=1.1 or <1.", "gymnasium")] == [
-        ">=1.1",
-        "<1",
+    assert [(name, str(each)) for name, each in failure_hints.named_bounds("take gymnasium>=1.1 or <1.")] == [
+        ("gymnasium", ">=1.1"),
+        ("gymnasium", "<1"),
     ]

@@ -54,8 +54,11 @@ class Claim:
 
     def stated(self, name: str, version: str, *, good: bool) -> bool:
         """Return whether a bound in the text calls this version of a package good, or not good."""
-        named = failure_hints.all_bounds(self.text, name)
-        return any(bound.contains(version, prereleases=True) is good for bound in named)
+        return any(bound.contains(version, prereleases=True) is good for bound in self.named(name))
+
+    def named(self, name: str) -> list[SpecifierSet]:
+        """Return the bounds on a package that the text names."""
+        return [bound for each, bound in failure_hints.named_bounds(self.text) if each == name]
 
 
 def of_signature(one: Signature) -> Claim:
@@ -127,7 +130,7 @@ def failing_within(claim: Claim, *, any_of: bool) -> Iterator[str]:
     for red in claim.reds:
         held = [name for name in claim.bounds if claim.within(name, red)]
         enough = bool(held) if any_of else claim.whole and bool(held) and len(held) == len(claim.bounds)
-        if enough and (any_of or not any(failure_hints.all_bounds(claim.text, name) for name in held)):
+        if enough and (any_of or not any(claim.named(name) for name in held)):
             yield f"{red.source} fails of it with {', '.join(f'{name} {red.versions[name]}' for name in held)}"
 
 

@@ -49,7 +49,7 @@ def test_an_end_that_is_not_what_was_claimed_is_refused(test: Callable[[int], An
     """Nothing is searched between ends that do not hold, and no boundary is told."""
     found = boundary(range(10), test, rules=RULES)
 
-    assert (found.refused, found.good, found.bad, found.exists) == (refused, None, None, False)
+    assert (found.refused, found.good, found.bad) == (refused, None, None)
     assert len(found.observations) <= 7
 
 
@@ -184,7 +184,7 @@ def test_the_changes_that_cure_are_found(culprits: set[int]) -> None:
     found = minimise(range(16), lambda chosen: GOOD if culprits <= set(chosen) else BAD, rules=RULES)
 
     assert found.items == tuple(sorted(culprits))
-    assert found.least
+    assert not found.unsure
     assert len(found.observations) <= 2 * bound(17) * len(culprits)
 
 
@@ -214,7 +214,7 @@ def test_changes_that_only_go_together_stay_together() -> None:
 
     assert found.items is not None
     assert {3, 6} <= set(found.items)
-    assert not found.least
+    assert found.unsure
 
 
 # --- 200 worlds ------------------------------------------------------------------------------------------------
