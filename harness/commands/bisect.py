@@ -157,7 +157,7 @@ def _task(request: BisectRequest, base: Trial | None) -> tuple[Candidates, Task]
         # The release of the cell may be missing on the line, as a yanked one is.
         line = _with_own(line, own)
     place = candidates.day if args.date else candidates.place
-    bad = place(line, args.bad, "--bad") if args.bad else _at(line, own)
+    bad = place(line, args.bad, "--bad") if args.bad else [one.name for one in line.candidates].index(str(own))
     good = place(line, args.good, "--good") if args.good else None
     if good == bad:
         message = f"--good and --bad are the same: {line.candidates[bad].name}"
@@ -207,10 +207,6 @@ def _with_own(line: Candidates, own: str) -> Candidates:
     return replace(
         line, candidates=tuple(sorted([*others, mine], key=lambda candidate: candidates.rank(candidate.name)))
     )
-
-
-def _at(line: Candidates, own: str | None) -> int:
-    return next(place for place, one in enumerate(line.candidates) if one.name == own)
 
 
 def _hints(request: BisectRequest, line: Candidates, bad: int, base: Trial | None) -> Iterator[int]:

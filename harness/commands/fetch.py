@@ -44,7 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Fetch all cells. Return 0 if each has its files, or the reason why it has no lock; else 3."""
     planned = open_matrix.load(args.matrix, tell)
-    _check_no_subject(args.matrix, select(planned.cells, args.k))
+    if any(cell.subject for cell in select(planned.cells, args.k)):
+        hint = "build its wheel and name that as a requirement"
+        message = f"{args.matrix}: fetch does not bring a package under test; {hint}"
+        raise BadInput(message)
     opened = store.open_store()
     folder = store.writable(args.to).absolute()
     with exclusive(folder / ".fetch.lock"):
@@ -69,13 +72,6 @@ def main(args: argparse.Namespace) -> int:
     else:
         _summary(fetched_cells, folder, bringing.brought)
     return 0 if all(cell.complete for cell in fetched_cells) else 3
-
-
-def _check_no_subject(name: str, cells: Sequence[Cell]) -> None:
-    """Refuse cells with a package under test, which fetch does not bring. Raises BadInput."""
-    if any(cell.subject for cell in cells):
-        message = f"{name}: fetch does not bring a package under test; build its wheel and name that as a requirement"
-        raise BadInput(message)
 
 
 def _controls(records: Sequence[CellRecord], opened: store.Store) -> tuple[Cell, ...]:

@@ -95,7 +95,11 @@ def main(args: argparse.Namespace) -> int:
     """Write the missing files, and keep existing ones. Return 0, or 3 if something could not be found out."""
     say = tell if args.json else print
     # Read before `chdir`: the path of --from starts in the user's folder.
-    jobs = _jobs(args.workflow) if args.workflow else ()
+    jobs = (
+        workflows.read(given_files.read_text(args.workflow, f"--from {args.workflow}"), str(args.workflow))
+        if args.workflow
+        else ()
+    )
     if not args.folder.is_dir():
         message = f"{args.folder}: is not a folder"
         raise BadInput(message)
@@ -106,14 +110,14 @@ def main(args: argparse.Namespace) -> int:
         about = _project()
         # Before anything is written: a dependency that no index has is a typo.
         misspelt.check(about.dependencies, tell, offline=args.offline)
-        matrices = [_path(name) for name in _names(about, jobs, args)]
+        matrix_drafts = _drafts(about, jobs, args)
+        matrices = [_path(name) for name in matrix_drafts]
         if all(path.exists() for path in matrices):
             for path in matrices:
-                # Nothing is written, since the file exists; it is listed among those that were kept.
-                files.write(path, "")
+                files.existing.append(path.as_posix())
                 say(f"{path}: is there already and stays as it is")
         else:
-            _matrices(about, jobs, args, files)
+            _matrices(about, matrix_drafts, args, files)
         _nox(matrices, files)
         for path in matrices:
             _planned(path, args, files)
@@ -141,9 +145,8 @@ def _next(args: argparse.Namespace, matrices: Sequence[Path], files: _Files) -> 
         files.say(f"next: type `simmatrix init` again {again}; it keeps what is there, so remove {matrices[0]} first")
 
 
-def _matrices(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace, files: _Files) -> None:
+def _matrices(about: Project, matrix_drafts: dict[str, Draft], args: argparse.Namespace, files: _Files) -> None:
     """Write the matrices that are not there, with the environments of the installed package as their cases."""
-    matrix_drafts = _drafts(about, jobs, args)
     pythons = next(iter(matrix_drafts.values())).pythons
     files.say("asking the installed package for its environments, and trying some of them")
     first_cases = first_draft.cases(about, pythons, offline=args.offline)
@@ -208,10 +211,6 @@ def _drafts(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace) -> 
     return {name if len(readable_drafts) == 1 else f"{name}-{job}": draft for job, draft in readable_drafts.items()}
 
 
-def _names(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace) -> tuple[str, ...]:
-    return tuple(_drafts(about, jobs, args))
-
-
 def _name(about: Project, given: str | None) -> str:
     """Return the name of the matrix, also of its files and folders. Raises BadInput if it cannot be a label."""
     try:
@@ -274,10 +273,6 @@ def _head() -> str:
 
 
 # --- what a workflow claims ------------------------------------------------------------------------------------
-
-
-def _jobs(workflow: Path) -> tuple[Job, ...]:
-    return workflows.read(given_files.read_text(workflow, f"--from {workflow}"), str(workflow))
 
 
 def _describe_jobs(jobs: tuple[Job, ...], workflow: Path) -> Iterator[str]:

@@ -160,8 +160,11 @@ class Bisection:
         """
         bad = self.task.bad
         last = next(step for step in reversed(self.steps) if step.candidate == self.task.line[bad])
-        looks = {place: _make_look(trial, said) for place in self._others() for trial, said in self._at_hand(place)}
-        looks[bad] = _make_look(last.trial, last.classification)
+        looks = {bad: _make_look(last.trial, last.classification)}
+        for place, candidate in enumerate(self.task.line):
+            trial = self.bench.at_hand(self.cell(candidate)) if place != bad else None
+            if trial:
+                looks[place] = _make_look(trial, self._predicate.classify(trial))
         self._ends = GoodEndSearch(len(self.task.line), bad, looks, self._measure_end)
         return self._ends.find(self.task.hints)
 
@@ -181,14 +184,6 @@ class Bisection:
         """Measure a candidate that may be a good end, and return its result."""
         classification = self._test(place, LOOKING, left=None)
         return _make_look(self.steps[-1].trial, classification)
-
-    def _others(self) -> Iterator[int]:
-        return (place for place in range(len(self.task.line)) if place != self.task.bad)
-
-    def _at_hand(self, place: int) -> Iterator[tuple[Trial, Classification]]:
-        trial = self.bench.at_hand(self.cell(self.task.line[place]))
-        if trial:
-            yield trial, self._predicate.classify(trial)
 
     def _tried(self) -> str:
         """Return in words how many candidates were tried as a good end, and which ones were not."""

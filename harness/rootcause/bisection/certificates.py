@@ -224,7 +224,8 @@ def claim(done: BisectionResult, cell: Cell, axis: str) -> str:
     if done.status is not Status.FOUND or good is None or bad is None:
         reasons = "; ".join(done.notes) or "no candidate was found that works"
         return f"{cell.id}: {done.status} along {axis}: {reasons}"
-    names = [f"{_thing(axis)} {_last(done, one, axis)}" for one in (good, bad)]
+    thing = {DATE: "the index of", "--python": "Python"}.get(axis, axis)
+    names = [f"{thing} {_last(done, one, axis)}" for one in (good, bad)]
     last, first = ("last", "first") if done.oldest_first else ("first", "last")
     works = good.trial.success_text if good.trial.works else f"is without this failure ({good.classification.words})"
     failing = strip_run_count(bad.trial.failure) or (done.predicate.failure if done.predicate else None)
@@ -254,10 +255,6 @@ def _gap(done: BisectionResult) -> str:
     if others:
         return f"; between them {count} of other failures, the first of {others[0].after.name}: {others[0].becomes}"
     return f"; between them {count} that could not be tested or were not tried"
-
-
-def _thing(axis: str) -> str:
-    return {DATE: "the index of", "--python": "Python"}.get(axis, axis)
 
 
 def page(certificate: BisectDocument) -> str:

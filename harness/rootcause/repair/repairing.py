@@ -7,7 +7,7 @@ phase.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from heapq import heappop, heappush
@@ -204,7 +204,8 @@ class Search:
 
     def _settle(self, cure: _Cure) -> None:
         """Make the remedy smaller: bounds instead of a date or a lock, no guard of the search, no unneeded part."""
-        cure.change = (self._nearest(cure) if self._by_pins(cure) else self._narrowed(cure)) or cure.change
+        by_pins = cure.move.way is Way.PINS and len(cure.move.change.requirements) == 1
+        cure.change = (self._nearest(cure) if by_pins else self._narrowed(cure)) or cure.change
         self._unguarded(cure)
         # Parts are left out first, so that no bound is widened that is not needed at all.
         self._least(cure)
@@ -244,7 +245,9 @@ class Search:
         )
         if failing.failure is None:
             return None
-        suspects = (*self._of_builds(cure.change, failing), *narrowing.differing(self.lab.base, cure.trial, failing))
+        tools = stages.tools(failing.cell, cure.change, offline=self.lab.settings.offline)
+        in_build = failing.failure.phase is Phase.INSTALL
+        suspects = (*(tools if in_build else ()), *narrowing.differing(self.lab.base, cure.trial, failing))
         search = Narrowing(self.lab, rest, failing, interpreters.find(failing.cell.python))
         # Runs up to the failed phase are shorter; the search over all phases follows only if that gives no cure.
         phases = dict.fromkeys((failing.failure.phase or Phase.SUITE, Phase.SUITE))
@@ -281,9 +284,6 @@ class Search:
         if change != cure.change and self._take(cure, change, "with the widest bounds, in every phase"):
             self._least(cure)
 
-    def _by_pins(self, cure: _Cure) -> bool:
-        return cure.move.way is Way.PINS and len(cure.move.change.requirements) == 1
-
     def _nearest(self, cure: _Cure) -> Change | None:
         """Return the change to the working release nearest to the one that the user pins; None if there is none."""
         (line,) = cure.move.change.requirements
@@ -303,12 +303,6 @@ class Search:
             else None
         )
 
-    def _of_builds(self, whole: Change, failing: Trial) -> Iterator[narrowing.Suspect]:
-        """Yield the build tools whose versions differ between then and now, if a build failed."""
-        if failing.failure is None or failing.failure.phase is not Phase.INSTALL:
-            return
-        yield from stages.tools(failing.cell, whole, offline=self.lab.settings.offline)
-
     def _least(self, cure: _Cure) -> None:
         """Leave out parts by halves as long as the cell works, then measure it without each part that stays."""
         whole = candidate_changes.parts(cure.change)
@@ -319,11 +313,12 @@ class Search:
             self.notes.append(f"not needed: {'; '.join(spare[:FEW])}{more}")
             cure.change = candidate_changes.of_parts(part for part in whole if part in needed)
             cure.trial = self.lab.measure(cure.change, "the parts that are needed")
-        tried = [
-            (part, self._without(candidate_changes.without(cure.change, part), part))
-            for part in candidate_changes.parts(cure.change)
-        ]
-        cure.parts = tuple(Part(change=part, without=trial if trial.bad else None) for part, trial in tried)
+        parts = []
+        for part in candidate_changes.parts(cure.change):
+            rest, why = candidate_changes.without(cure.change, part), f"without {candidate_changes.in_words(part)}"
+            trial = self.lab.measure(rest, why)
+            parts.append(Part(change=part, without=trial if trial.bad else None))
+        cure.parts = tuple(parts)
 
     def _keeping(self, parts: tuple[Change, ...]) -> Answer:
         """Measure the cell with only some parts of the remedy, and return whether they cure."""
@@ -333,9 +328,6 @@ class Search:
         if trial.works and not self._no_cure(self.before, trial):
             return Answer.GOOD
         return Answer.BAD if trial.bad or trial.works else Answer.UNTESTABLE
-
-    def _without(self, rest: Change, part: Change) -> Trial:
-        return self.lab.measure(rest, f"without {candidate_changes.in_words(part)}")
 
     def _stands(self) -> None:
         """Run the unchanged cell once more. If it works then, it is flaky, and nothing was cured."""

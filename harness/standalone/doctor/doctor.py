@@ -101,6 +101,7 @@ def _document(
     findings.sort(key=_rank)
     issues = [*(hit.signature for hit in causes), *lurks]
     remedies = environment_findings.versions_asked(issues)
+    how = installer(choice.python, differences.versions(looked), here.variables)
     near = nearest_combination.find(looked, measured, request.env, remedies, issues)
     other = None if near or request.env is None else nearest_combination.find(looked, measured, None, remedies, issues)
     return {
@@ -112,7 +113,7 @@ def _document(
         "imports": {name: _import(one) for name, one in (probes["imports"] or probes["clean_imports"]).items()},
         "differences": [dict(one._asdict(), by=list(one.by)) for one in apart],
         "lurking": [matching.diagnosis(one) for one in lurks],
-        "nearest": _near(looked, near or other, _installer(here, choice, looked), (request.env, near is not None)),
+        "nearest": _near(looked, near or other, how, (request.env, near is not None)),
     }
 
 
@@ -129,10 +130,6 @@ def _near(
     combination = nearest_combination.to_dict(looked, near, how, name if there else None)
     notes = ["{} was made in nothing that was measured".format(name)] if name and not there else []
     return dict(combination, remarks=[*notes, *combination["remarks"]])
-
-
-def _installer(here: Viewpoint, choice: Choice, looked: JsonObject) -> Installer:
-    return installer(choice.python, differences.versions(looked), here.variables)
 
 
 def _check_environment(here: Viewpoint, probes: JsonObject, looked: JsonObject, apart: Sequence[Any]) -> List[Finding]:

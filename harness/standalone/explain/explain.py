@@ -64,7 +64,8 @@ def of_text(args: argparse.Namespace, knowledge: Knowledge, place: Place) -> int
     """Explain a file or stdin. Raises Bad."""
     excerpt = _read(args.file)
     if not excerpt.text.strip():
-        message = "explain: {} is empty; give the whole output of what failed".format(_name_source(args.file))
+        source = "stdin" if args.file in {None, "-"} else args.file
+        message = "explain: {} is empty; give the whole output of what failed".format(source)
         raise UsageError(message)
     around = _find_packages(args.python, ()) if args.python else None
     here = _gather_facts(around, knowledge)
@@ -113,7 +114,8 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
     if args.json:
         print(json.dumps(explanation.plain()))
     place = _complete_place(place, around, requirements)._replace(command=tuple(command), output_file=path)
-    _print(explanation, place, sys.stderr, "\nexplain: {} failed: {}".format(os.path.basename(command[0]), _end(ended)))
+    end = "killed by {}".format(ended.signal) if ended.signal else "exit code {}".format(ended.code)
+    _print(explanation, place, sys.stderr, "\nexplain: {} failed: {}".format(os.path.basename(command[0]), end))
     return ended.code
 
 
@@ -156,10 +158,6 @@ def _is_requirement(word: str) -> bool:
         return False
 
 
-def _end(ended: Any) -> str:
-    return "killed by {}".format(ended.signal) if ended.signal else "exit code {}".format(ended.code)
-
-
 def _print(explanation: Explanation, place: Place, stream: TextIO, *before: str) -> None:
     lines = wrapping.wrap_lines(explanation_text.lines(explanation, place), wrapping.width(stream))
     text = "\n".join([*before, *lines])
@@ -184,10 +182,6 @@ def _with_end(explanation: Explanation, code: int) -> Explanation:
 
 
 # --- what is read ----------------------------------------------------------------------------------------------
-
-
-def _name_source(file: Optional[str]) -> str:
-    return "stdin" if file in {None, "-"} else str(file)
 
 
 def _read(file: Optional[str]) -> Excerpt:

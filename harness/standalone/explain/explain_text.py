@@ -28,6 +28,7 @@ TROUBLE = re.compile(
 )
 """What a machine or a network lacks: no verdict about packages."""
 
+MENTION = "the text says so, too, and nothing shows that it failed by it: {} ({})"
 QUOTED = 4
 """Lines of a text that is no log: somebody asks what they mean."""
 
@@ -125,7 +126,8 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
     if not failure.failed and len(failure.text.split("\n", QUOTED)) > QUOTED:
         sure = could = []  # a log of what went well may mention what is known to fail
     hits, aside = _hits(sure, failure, killed)
-    findings: List[Tuple[str, str, str]] = [("besides", NOTE, _describe_mention(hit)) for hit in aside[:SHOWN]]
+    mentions = (MENTION.format(hit.seen, hit.signature.id) for hit in aside[:SHOWN])
+    findings: List[Tuple[str, str, str]] = [("besides", NOTE, mention) for mention in mentions]
     if _deepest(hits) is None:
         possible = _hits(could, failure, killed)[0]
         named = [hit for hit in possible if _mentions_packages(hit.signature, failure.text)]
@@ -226,10 +228,6 @@ def _describe_condition(signature: matching.Signature) -> str:
     )
 
 
-def _describe_mention(hit: Diagnosis) -> str:
-    return "the text says so, too, and nothing shows that it failed by it: {} ({})".format(hit.seen, hit.signature.id)
-
-
 def _possible(hit: Diagnosis) -> str:
     return "could be {}: {} {}".format(
         hit.signature.id, hit.signature.plain["cause"], _describe_condition(hit.signature)
@@ -269,17 +267,11 @@ def _rank(hit: Diagnosis, failure: Failure) -> Tuple[Any, ...]:
 
 def _where(hit: Diagnosis, failure: Failure) -> int:
     # A failure known by its signal has no line. A pattern over frames belongs to the exception below them.
-    if (
-        hit.signature.pattern is None
-        or _in(hit.seen, failure.decisive)
-        or (failure.raised and hit.seen in _flat(failure.region))
-    ):
+    if hit.signature.pattern is None or _in(hit.seen, failure.decisive):
+        return DECISIVE
+    if failure.raised and hit.seen in "\n".join(map(shorten_line, failure.region.splitlines())):
         return DECISIVE
     return ELSEWHERE if any(_in(hit.seen, line) for line in failure.lines) else LOG
-
-
-def _flat(text: str) -> str:
-    return "\n".join(map(shorten_line, text.splitlines()))
 
 
 def _in(seen: str, line: Optional[str]) -> bool:
@@ -296,19 +288,12 @@ def _in(seen: str, line: Optional[str]) -> bool:
 def _note_other_failure(failure: Failure, hits: Sequence[Diagnosis]) -> List[Tuple[str, str, str]]:
     """Return a note on the decisive line if the known cause does not explain it."""
     cause = _deepest(hits)
-    if (
-        cause is None
-        or not failure.decisive
-        or _where(cause, failure) is DECISIVE
-        or _mask_tells(failure.decisive, hits)
-    ):
+    if cause is None or not failure.decisive or _where(cause, failure) is DECISIVE:
+        return []
+    if any(hit.signature.masks and _in(hit.seen, failure.decisive) for hit in hits):
         return []
     text = "the last that failed is another line, a consequence or a failure of its own: {}".format(failure.decisive)
     return [("also", NOTE, text)]
-
-
-def _mask_tells(line: str, hits: Sequence[Diagnosis]) -> bool:
-    return any(hit.signature.masks and _in(hit.seen, line) for hit in hits)
 
 
 def _note_measurements(

@@ -68,7 +68,8 @@ def _cause(hit: Diagnosis) -> Iterator[str]:
 
 
 def _unknown(explanation: Explanation) -> Iterator[str]:
-    yield "failed:    {}{}".format(explanation.failure.decisive or "without a word", _where(explanation))
+    where = " (in {})".format(explanation.phase) if explanation.phase else ""
+    yield "failed:    {}{}".format(explanation.failure.decisive or "without a word", where)
     if explanation.diagnoses and explanation.echoed:
         yield "that is:   {}".format(explanation.diagnoses[0].signature.plain["cause"])
         yield "remedy:    {}".format(in_words(explanation.diagnoses[0].signature.plain.get("remedy", {})))
@@ -92,10 +93,6 @@ def _describe_masks(explanation: Explanation) -> Iterator[str]:
     named = [hit for hit in masks if hit.signature.packages] if explanation.cause is None else []
     for hit in named[:1]:
         yield "           {}".format(hit.signature.plain["cause"])
-
-
-def _where(explanation: Explanation) -> str:
-    return " (in {})".format(explanation.phase) if explanation.phase else ""
 
 
 # --- what to type next -----------------------------------------------------------------------------------------
