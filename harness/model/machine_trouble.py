@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 
+from harness.standalone.failures.machine_trouble import SHORTAGES, UNREACHABLE
+
 CUT_SHORT = re.compile(r"EOFError: (?:marshal data too short|EOF read where (?:object|not) expected)")
 """What Python says of bytecode that is not whole: it keeps what it could write of it where a disk is full."""
 
 MACHINE_TROUBLE = re.compile(
-    r"No space left on device|Disk quota exceeded|Read-only file system|Cannot allocate memory|Too many open files"
-    r"|Resource temporarily unavailable|can't start new thread"
-    r"|Temporary failure in name resolution|Name or service not known|Network is unreachable"
-    rf"|{CUT_SHORT.pattern}"
+    rf"{SHORTAGES}|{UNREACHABLE}|Resource temporarily unavailable|can't start new thread|{CUT_SHORT.pattern}"
 )
 """What the operating system says when this machine or its network is short of something, whatever the package."""
 

@@ -13,13 +13,13 @@ from harness.model import Outcome, Phase, Step
 from harness.model.errors import UnusableRequirement
 from harness.model.machine_trouble import MACHINE_TROUBLE
 from harness.standalone.failures.lines import decisive_line, shorten_line, strip_ansi
+from harness.standalone.failures.machine_trouble import SHORTAGES
 
 TROUBLE = re.compile(
     r"Failed to fetch|Request failed after|error sending request|dns error|operation timed out"
     r"|lack of valid authentication|returned a 40[13]|network was disabled|Network connectivity is disabled"
     r"|Hash mismatch|Failed to extract archive|Received some unexpected JSON"
-    r"|No space left|Disk quota exceeded|Read-only file system|Permission denied|Too many open files"
-    r"|Cannot allocate memory|Could not acquire lock|Failed to inspect Python interpreter"
+    rf"|{SHORTAGES}|No space left|Permission denied|Could not acquire lock|Failed to inspect Python interpreter"
 )
 """The index, the network, the disk or the cache: no verdict about packages. A file that is no archive, or not the one
 that was locked, is what a broken mirror or a login page serves."""

@@ -141,9 +141,9 @@ class Bisection:
             whole = self.bench.measure(self.cell(candidate), again=True)
         self.predicate = Predicate(failure=None if self.task.any else strip_run_count(whole.failure))
         if whole.untold:
-            self._note(
-                candidate, "bad end", whole, Classification(answer=Answer.UNTESTABLE, why=None, words=_line(whole))
-            )
+            words = f"{whole.assessed.verdict}: {whole.assessed.decisive or 'no line says why'}"
+            classification = Classification(answer=Answer.UNTESTABLE, why=None, words=words)
+            self._note(candidate, "bad end", whole, classification)
             return Status.UNTOLD
         if not has_package_failure(whole):
             self._note(candidate, "bad end", whole, classify_working(whole))
@@ -165,7 +165,12 @@ class Bisection:
             trial = self.bench.at_hand(self.cell(candidate)) if place != bad else None
             if trial:
                 looks[place] = _make_look(trial, self._predicate.classify(trial))
-        self._ends = GoodEndSearch(len(self.task.line), bad, looks, self._measure_end)
+
+        def look(place: int) -> Look:
+            classification = self._test(place, LOOKING, left=None)
+            return _make_look(self.steps[-1].trial, classification)
+
+        self._ends = GoodEndSearch(len(self.task.line), bad, looks, look)
         return self._ends.find(self.task.hints)
 
     def _beyond(self, good: int) -> Iterator[str]:
@@ -179,11 +184,6 @@ class Bisection:
             name = self.task.line[min(behind, key=lambda place: abs(place - good))].name
             words = next(step.classification.words for step in reversed(self.steps) if step.candidate.name == name)
             yield f"only a range works: {self.task.axis} {name} fails as well ({words})"
-
-    def _measure_end(self, place: int) -> Look:
-        """Measure a candidate that may be a good end, and return its result."""
-        classification = self._test(place, LOOKING, left=None)
-        return _make_look(self.steps[-1].trial, classification)
 
     def _tried(self) -> str:
         """Return in words how many candidates were tried as a good end, and which ones were not."""
@@ -318,7 +318,3 @@ def _in_place(question: Question, before: Question) -> Question:
 def _make_look(trial: Trial, classification: Classification) -> Look:
     failed = strip_run_count(trial.failure)
     return Look(answer=classification.answer, failure=line_key(failed) if failed else trial.assessed.verdict)
-
-
-def _line(trial: Trial) -> str:
-    return f"{trial.assessed.verdict}: {trial.assessed.decisive or 'no line says why'}"

@@ -270,9 +270,9 @@ def lines(certificate: BisectDocument) -> Iterator[str]:
         yield f"bad is: {failing}{f' ({certificate.predicate.causes[0]})' if certificate.predicate.causes else ''}"
     if len(certificate.chain) > 1:
         yield "the chain:"
-        yield from (
-            f"  {one.before} -> {one.after}: {one.was}, then {one.becomes}{_untested(one)}" for one in certificate.chain
-        )
+        for turn in certificate.chain:
+            untested = f" ({turn.untested} between not tested)" if turn.untested else ""
+            yield f"  {turn.before} -> {turn.after}: {turn.was}, then {turn.becomes}{untested}"
     moved = [f"{one.name} {one.good or 'absent'} -> {one.bad or 'absent'}" for one in certificate.moved]
     if moved:
         yield f"between their locks: {', '.join(moved[:8])}{f' and {len(moved) - 8} more' if len(moved) > 8 else ''}"
@@ -287,7 +287,3 @@ def lines(certificate: BisectDocument) -> Iterator[str]:
     yield from (f"left out: {one}" for one in certificate.left_out)
     yield f"repeat it: {certificate.command}"
     yield from (f"written: {name}" for name in certificate.files)
-
-
-def _untested(turn: TurnEntry) -> str:
-    return f" ({turn.untested} between not tested)" if turn.untested else ""

@@ -55,8 +55,10 @@ class Predicate:
             return Classification(answer=Answer.FLAKY if flaky else Answer.BAD, why=None, words=line)
         if self._passed(trial):
             return Classification(answer=Answer.GOOD, why=None, words=f"passes {self.until}; fails later: {line}")
-        # Good releases may lie between two that do not install for the same reason, so these get no key to fill in by.
-        cause_key = None if failed.phase in {Phase.RESOLVE, Phase.INSTALL} else _cause_key(failed)
+        # Candidates between two that fail equally are assumed to fail so, too; but good releases may lie between two
+        # that do not install for the same reason, so these get no key to fill in by.
+        cause = failed.causes[0] if failed.causes else CHANGING.sub("…", failed.line)
+        cause_key = None if failed.phase in {Phase.RESOLVE, Phase.INSTALL} else f"{failed.phase}: {cause}"
         return Classification(answer=Answer.UNTESTABLE, why=cause_key, words=line)
 
     def _classify_without_failure(self, trial: Trial) -> Classification:
@@ -90,11 +92,6 @@ def classify_working(trial: Trial) -> Classification:
 def strip_run_count(failed: Failure | None) -> Failure | None:
     """Return a failure without the count of how often it showed."""
     return replace(failed, line=FLAKY.sub("", failed.line)) if failed else None
-
-
-def _cause_key(failed: Failure) -> str:
-    """Return a name that is equal for equal failures. Candidates between two equal ones are assumed to share it."""
-    return f"{failed.phase}: {failed.causes[0] if failed.causes else CHANGING.sub('…', failed.line)}"
 
 
 def line_key(failed: Failure) -> tuple[Phase | None, str]:

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from harness.devices import egl_advice, gl_inventory
-from harness.devices.egl_advice import LIBRARIES, Advice, DrawingSupport, Prediction
+from harness.devices.egl_advice import LIBRARIES, DrawingSupport, Prediction
 from harness.devices.egl_rules import OLD_EGL_ID
 from harness.devices.gl_inventory import Answer, Ways
 from harness.model import Level
@@ -103,15 +103,9 @@ def assess_rendering(ways: Ways, variables: egl_advice.Variables) -> RenderingRe
                 Possible(setting=typed, selected=_selected(egl_advice.outcomes(those, there, argument)))
                 for typed, those, argument in egl_advice.possible(there)
             ),
-            recommended=_recommended(advice),
+            recommended=msgspec.convert(advice, Recommended, from_attributes=True) if advice else None,
         ),
     )
-
-
-def _recommended(advice: Advice | None) -> Recommended | None:
-    if advice is None:
-        return None
-    return Recommended(variables=dict(advice.variables), unset=advice.unset, reason=advice.reason)
 
 
 def _selected(results: Sequence[Prediction]) -> tuple[Selected, ...]:

@@ -79,17 +79,14 @@ class Lab:
     def measure(self, change: Change, why: str, *, again: bool = False) -> Trial:
         """Measure the cell with a change, or take its stored result. Raises Spent, and ValueError as `cell` does."""
         cell = self.cell(change)
-        before = next((one.trial for one in self.runs if one.change == change and self._tells(one)), None)
-        if before and not again:
-            return before
+        for run in self.runs if not again else ():
+            # A run says as much as one up to the present phase if it went as far, or failed before.
+            if run.change == change and (run.until is self.until or not passes(run.trial, run.until)):
+                return run.trial
         trial = self.bench.measure(cell, again=again)
         self.runs.append(Run(change=change, why=why, trial=trial, until=self.until))
         self.observer.say(f"run {len(self.runs)}: {why}: {describe_result(trial, self.until)} ({trial.seconds:.1f} s)")
         return trial
-
-    def _tells(self, run: Run) -> bool:
-        """Return whether a run says as much as one up to the present phase: it went as far, or it failed before."""
-        return run.until is self.until or not passes(run.trial, run.until)
 
     @contextmanager
     def up_to(self, phase: Phase) -> Iterator[None]:

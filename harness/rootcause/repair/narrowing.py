@@ -82,7 +82,8 @@ class Narrowing:
             return Answer.GOOD
         failed = trial.failure
         # A mix of two locks may not resolve, which says nothing about a failure in a later phase.
-        if failed is None or (failed.phase in {Phase.RESOLVE, Phase.INSTALL} and not self._early):
+        early, before = {Phase.RESOLVE, Phase.INSTALL}, self.failing.failure
+        if failed is None or (failed.phase in early and not (before and before.phase in early)):
             return Answer.UNTESTABLE
         return Answer.BAD
 
@@ -91,12 +92,6 @@ class Narrowing:
         if self.lab.until is Phase.SUITE:
             return trial.works and find_lost_check(self.failing, trial) is None
         return passes(trial, self.lab.until)
-
-    @property
-    def _early(self) -> bool:
-        """Return whether the failure to cure is one of resolving or installing."""
-        failed = self.failing.failure
-        return failed is not None and failed.phase in {Phase.RESOLVE, Phase.INSTALL}
 
     # --- from where on ---------------------------------------------------------------------------------------------
 

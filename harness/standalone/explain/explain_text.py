@@ -8,6 +8,7 @@ from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Seq
 from ..failures import matching
 from ..failures.counting import Fit, select_counting
 from ..failures.lines import MASKS, shorten_line
+from ..failures.machine_trouble import SHORTAGES, UNREACHABLE
 from ..failures.matching import Around, Diagnosis, Evidence
 from ..requirements import requirement
 from ..versions import specifiers, unsatisfiable
@@ -22,9 +23,9 @@ DECISIVE, ELSEWHERE, LOG = 0, 1, 2
 """Where a failure was told: in the decisive line, in another one that says why, or anywhere."""
 
 TROUBLE = re.compile(
-    r"No space left on device|Disk quota exceeded|Read-only file system|Cannot allocate memory|Too many open files"
-    r"|dns error|Temporary failure in name resolution|Name or service not known|Network is unreachable"
-    r"|Request failed after|Connection refused|NewConnectionError|ReadTimeoutError"
+    r"{}|{}|dns error|Request failed after|Connection refused|NewConnectionError|ReadTimeoutError".format(
+        SHORTAGES, UNREACHABLE
+    )
 )
 """What a machine or a network lacks: no verdict about packages."""
 
