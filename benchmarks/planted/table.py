@@ -1,8 +1,9 @@
 """Hold what comparisons say against planted changes of known sizes: `python -m benchmarks.planted.table [--write]`.
 
-Run `simmatrix run benchmarks/planted/planted-changes.toml` first: one scene of MuJoCo, one change in each case, all stepped from one bank of
-states. Each case is compared with the clean one. Clean pairs are those in which nothing was changed that arithmetic
-tells apart: the same scene in another process, and with every number moved by one ulp. `--write` writes `planted.md`.
+Run `simmatrix run benchmarks/planted/planted-changes.toml` first: one scene of MuJoCo, one change in each case, all
+stepped from one bank of states. Each case is compared with the clean one. Clean pairs are those in which nothing was
+changed that arithmetic tells apart: the same scene in another process, and with every number moved by one ulp.
+`--write` writes `planted.md`.
 """
 
 from __future__ import annotations
@@ -122,8 +123,8 @@ def page(bank: Bank, outputs: dict[str, Outputs], planted: list[Planted]) -> str
     lines = [
         "# Planted changes: what a comparison says of them",
         "",
-        f"Made by `simmatrix run benchmarks/planted/planted-changes.toml` and `python -m benchmarks.planted.table --write` on "
-        f"{datetime.now(UTC):%Y-%m-%d}; {platform.machine()}, Python {platform.python_version()}.",
+        "Made by `simmatrix run benchmarks/planted/planted-changes.toml` and "
+        f"`python -m benchmarks.planted.table --write` on {datetime.now(UTC):%Y-%m-%d}; {platform.machine()}, Python {platform.python_version()}.",
         "",
         f"{len(planted) - len(wrong)} of {len(planted)} right"
         + (f"; wrong: {', '.join(wrong)}" if wrong else "")
