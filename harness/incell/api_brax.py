@@ -1,13 +1,13 @@
-"""The adapter of Brax: `brax:ant`, under the backend that `kwargs.backend` names."""
+"""Drive Brax: `brax:ant`, under the backend that `kwargs.backend` names."""
 
 import importlib
 
 from .cell_adapter import Adapter
+from .cell_batched_worlds import Worlds
+from .cell_callables import local_name
 from .cell_errors import library, skip, violate
-from .cell_observed import place
-from .cell_scene import named
-from .cell_values import numbers
-from .cell_worlds import World
+from .cell_observation import place
+from .cell_values import as_numbers
 
 PACKAGES = {"brax": "brax"}
 IDS = r"[a-z][a-z0-9_]*"
@@ -22,28 +22,28 @@ class Brax(Adapter):
 
     imports = ("jax", "brax", "brax.envs")
 
-    def make(self, case, tell, draw=False):
+    def make(self, case, report, draw=False):
         """Make one environment."""
         envs = importlib.import_module("brax.envs")
         with library:
-            raw = envs.get_environment(named(case), **case["kwargs"])
-        return Task(raw, tell, draw=draw)
+            raw = envs.get_environment(local_name(case), **case["kwargs"])
+        return Task(raw, report, draw=draw)
 
-    def make_vector(self, makers, way, tell):
-        """Make a batch of environments, which begin anew by themselves; there are no workers."""
-        if way is not None:
+    def make_vector(self, makers, options, report):
+        """Make a batch of environments, which reset by themselves; there are no workers."""
+        if options is not None:
             skip("brax.no_workers")
         envs = importlib.import_module("brax.envs")
         case = makers[0].case
         with library:
-            raw = envs.create(named(case), episode_length=EPISODE, batch_size=len(makers), **case["kwargs"])
-        return Task(raw, tell, worlds=len(makers))
+            raw = envs.create(local_name(case), episode_length=EPISODE, batch_size=len(makers), **case["kwargs"])
+        return Task(raw, report, worlds=len(makers))
 
 
-class Task(World):
+class Task(Worlds):
     """An environment of pure functions: a state goes in, another comes out."""
 
-    def __init__(self, raw, tell, worlds=None, draw=False):
+    def __init__(self, raw, report, worlds=None, draw=False):
         import numpy as np
 
         self.jax = jax = importlib.import_module("jax")
@@ -54,7 +54,7 @@ class Task(World):
             self.size = raw.observation_size
             self.resetting, self.stepping = jax.jit(raw.reset), jax.jit(raw.step)
             self.key = jax.random.PRNGKey(0)
-        super().__init__(tell, worlds, -actions, actions)
+        super().__init__(report, worlds, -actions, actions)
         self.state = None
 
     def begin(self, seed):
@@ -62,17 +62,17 @@ class Task(World):
         key = self.key if seed is None else self.jax.random.PRNGKey(seed)
         self.key, used = self.jax.random.split(key)
         self.state = self.resetting(used)
-        return self.seen(place("the observation"), self.state.obs, (self.size,))
+        return self.copy_array(place("the observation"), self.state.obs, (self.size,))
 
     def advance(self, action):
         """Make one step; Brax says 0.0 or 1.0 for whether an episode is done."""
         self.state = self.stepping(self.state, self.jax.numpy.asarray(action))
-        reward = self.seen(place("the reward"), self.state.reward, ())
-        done = self.seen(place("done"), self.state.done, ())
+        reward = self.copy_array(place("the reward"), self.state.reward, ())
+        done = self.copy_array(place("done"), self.state.done, ())
         if not bool(((done == 0) | (done == 1)).all()):
             violate("brax.done", got=str(done))
-        truncated = numbers(self.state.info.get("truncation", 0 * done), place("truncation")) != 0
-        observation = self.seen(place("the observation"), self.state.obs, (self.size,))
+        truncated = as_numbers(self.state.info.get("truncation", 0 * done), place("truncation")) != 0
+        observation = self.copy_array(place("the observation"), self.state.obs, (self.size,))
         return observation, reward, (done != 0) & ~truncated, truncated
 
     def draw(self):
@@ -87,6 +87,9 @@ class Task(World):
     def set_state(self, state):
         """Go on from a state."""
         self.state = state
+
+    def close(self):
+        """Close nothing: an environment of pure functions holds nothing open."""
 
     def describe(self):
         """Return the device, the backend, and the sizes."""

@@ -1,4 +1,4 @@
-"""The adapter of Diffusion Policy: `diffusion_policy:kitchen`, as its own `KitchenLowdimRunner` makes and drives it.
+"""Drive Diffusion Policy: `diffusion_policy:kitchen`, as its own `KitchenLowdimRunner` makes and drives it.
 
 The runner itself cannot be had without torch and wandb; what it does before a policy comes in is done here with the
 same classes of the checkout, in its order. `kwargs` are arguments of the runner, with its defaults, and `dummy`: false
@@ -8,9 +8,10 @@ leaves out the `dummy_env_fn` by which the runner's parent process learns the sp
 import importlib
 import os
 
-from .cell_adapter import Adapter
-from .cell_classic import Classic
+from .cell_adapter import Adapter, Environment
+from .cell_callables import local_name
 from .cell_errors import library, skip, violate
+from .cell_gym_classic import ClassicEnvironment
 from .cell_values import Examiner
 
 PACKAGES = {"diffusion-policy": "diffusion_policy"}
@@ -47,60 +48,60 @@ class DiffusionPolicy(Adapter):
         "diffusion_policy.gym_util.video_recording_wrapper",
     )
 
-    def knows(self, case):
+    def has_environment(self, case):
         """Return whether it is the environment that this adapter makes."""
-        return _named(case) == NAME
+        return local_name(case) == NAME
 
-    def make(self, case, tell, draw=False):
+    def make(self, case, report, draw=False):
         """Make one environment."""
         with library:
-            raw = self.bare(case)
-        return Kitchen(raw, tell)
+            raw = self.make_raw(case)
+        return Kitchen(raw, report)
 
-    def bare(self, case):
-        """Do what the runner's `env_fn` does."""
-        if not self.knows(case):
-            violate("diffusion_policy.environment", got=repr(_named(case)), promised=repr(NAME))
-        asked = _asked(case)
-        made = _part("env.kitchen.v0").KitchenAllV0(use_abs_action=asked["abs_action"])
-        made.robot_noise_ratio = asked["robot_noise_ratio"]
-        seen = _part("env.kitchen.kitchen_lowdim_wrapper").KitchenLowdimWrapper(
-            env=made, init_qpos=None, init_qvel=None, render_hw=tuple(asked["render_hw"])
+    def make_raw(self, case):
+        """Make the library's own object in the way of the runner's `env_fn`."""
+        if not self.has_environment(case):
+            violate("diffusion_policy.environment", got=repr(local_name(case)), promised=repr(NAME))
+        arguments = _runner_arguments(case)
+        kitchen = _part("env.kitchen.v0").KitchenAllV0(use_abs_action=arguments["abs_action"])
+        kitchen.robot_noise_ratio = arguments["robot_noise_ratio"]
+        observed = _part("env.kitchen.kitchen_lowdim_wrapper").KitchenLowdimWrapper(
+            env=kitchen, init_qpos=None, init_qvel=None, render_hw=tuple(arguments["render_hw"])
         )
         video = _part("gym_util.video_recording_wrapper")
         recorder = video.VideoRecorder.create_h264(
-            fps=asked["fps"],
+            fps=arguments["fps"],
             codec="h264",
             input_pix_fmt="rgb24",
-            crf=asked["crf"],
+            crf=arguments["crf"],
             thread_type="FRAME",
             thread_count=1,
         )
-        filmed = video.VideoRecordingWrapper(seen, video_recoder=recorder, file_path=None, steps_per_render=1)
-        return _in_steps(filmed, asked)
+        filmed = video.VideoRecordingWrapper(observed, video_recoder=recorder, file_path=None, steps_per_render=1)
+        return _with_several_steps(filmed, arguments)
 
-    def make_vector(self, makers, way, tell):
+    def make_vector(self, makers, options, report):
         """Make Diffusion Policy's own vector environments, in workers with a stand-in for the spaces unless refused."""
         with library:
             case = makers[0].case
-            asked = _asked(case)
-            if way is None:
+            arguments = _runner_arguments(case)
+            if options is None:
                 raw = _part("gym_util.sync_vector_env").SyncVectorEnv(makers)
             else:
-                dummy = None if case["kwargs"].get("dummy") is False else Dummy(asked)
-                raw = _part("gym_util.async_vector_env").AsyncVectorEnv(makers, dummy_env_fn=dummy, **way)
-        return Kitchens(raw, tell, len(makers), asked)
+                dummy = None if case["kwargs"].get("dummy") is False else DummyFactory(arguments)
+                raw = _part("gym_util.async_vector_env").AsyncVectorEnv(makers, dummy_env_fn=dummy, **options)
+        return Kitchens(raw, report, len(makers), arguments)
 
     def autoreset_modes(self):
-        """Say that none of them begins episodes anew."""
+        """Skip: none of them begins episodes anew."""
         skip("diffusion_policy.no_autoreset")
 
 
-class Dummy:
+class DummyFactory:
     """The runner's `dummy_env_fn`: spaces without an environment."""
 
-    def __init__(self, asked):
-        self.asked = asked
+    def __init__(self, arguments):
+        self.arguments = arguments
 
     def __call__(self):
         """Make an empty environment that has the spaces."""
@@ -112,26 +113,26 @@ class Dummy:
         env.observation_space = spaces.Box(-BOUND, BOUND, shape=(OBSERVED,), dtype=np.float32)
         env.action_space = spaces.Box(-BOUND, BOUND, shape=(ACTED,), dtype=np.float32)
         env.metadata = {"render.modes": ["human", "rgb_array", "depth_array"], "video.frames_per_second": 12}
-        return _in_steps(env, self.asked)
+        return _with_several_steps(env, self.arguments)
 
 
-class Start:
-    """The runner's `init_fn`: what an episode starts from, put into an environment in the process that has it."""
+class StartState:
+    """The runner's `init_fn`: the start state of an episode, set in the process that has the environment."""
 
     def __init__(self, seed):
         self.seed = seed
 
     def __call__(self, env):
-        """Put an initial state there, and a seed, too: it decides the noise of what is observed."""
-        seen = env.env.env
+        """Set an initial state, and a seed, which decides the noise of observations."""
+        observed = env.env.env
         env.env.video_recoder.stop()
         env.env.file_path = None
-        states = known_states() or generated_states(seen.env)
-        seen.init_qpos, seen.init_qvel = [part[self.seed % len(part)] for part in states]
+        states = recorded_states() or generated_states(observed.env)
+        observed.init_qpos, observed.init_qvel = [part[self.seed % len(part)] for part in states]
         env.seed(self.seed)
 
 
-def known_states():
+def recorded_states():
     """Return the initial positions and velocities of the data set; None where the checkout has none."""
     import numpy as np
 
@@ -149,31 +150,31 @@ def generated_states(env):
     return [qpos + SPREAD * random.standard_normal(qpos.shape), qvel]
 
 
-class Kitchen(Classic):
+class Kitchen(ClassicEnvironment):
     """One environment: each of its steps takes several actions and gives the last observations."""
 
-    def __init__(self, raw, tell, batch=None):
-        super().__init__(raw, Examiner(importlib.import_module("gym.spaces"), raw, tell, batch), heeds=False)
+    def __init__(self, raw, report, batch=None):
+        super().__init__(raw, Examiner(importlib.import_module("gym.spaces"), raw, report, batch), seeds_at_reset=False)
 
     def reset(self, seed=None):
         """Start an episode, with a seed also from another state, and return the observation."""
         with library:
             if seed is not None:
-                self.begin_from(seed)
+                self.choose_start(seed)
             observation = self.raw.reset()
         self.examiner.observation("reset()", observation)
         return observation
 
-    def begin_from(self, seed):
-        """Choose what episodes start from until another is chosen."""
-        self.raw.run_dill_function(_dilled(Start(seed)))
+    def choose_start(self, seed):
+        """Choose the start state of the next episodes."""
+        self.raw.run_dill_function(importlib.import_module("dill").dumps(StartState(seed)))
 
     def render(self):
         """Return the picture that a video is made of."""
         with library:
             return self.raw.env.env.render(mode="rgb_array")
 
-    def where_drawn(self, ask):
+    def call_where_drawn(self, ask):
         """Ask in the thread in which dm_control draws."""
         with self.raw.env.env.env.sim.contexts.gl.make_current() as context:
             return context.call(ask)
@@ -181,60 +182,48 @@ class Kitchen(Classic):
     def describe(self):
         """Return the spaces, and where the initial states are from."""
         generated = "generated: {} around the environment's own, standard deviation {}".format(STATES, SPREAD)
-        return dict(super().describe(), told={"initial states": "of the data set" if known_states() else generated})
+        return dict(super().describe(), told={"initial states": "of the data set" if recorded_states() else generated})
 
 
 class Kitchens(Kitchen):
-    """Several of them, driven as the runner drives them: each is told in its own process what to start from."""
+    """Several kitchens, driven as the runner drives them: each gets its start state in its own process."""
 
-    def __init__(self, raw, tell, number, asked):
-        super().__init__(raw, tell, number)
+    def __init__(self, raw, report, number, arguments):
+        super().__init__(raw, report, number)
         self.number = number
-        self.asked = asked
-        self.seed_actions(0)
+        self.arguments = arguments
 
-    def begin_from(self, seed):
-        """Choose another state for each."""
-        starts = [(_dilled(Start(seed + place)),) for place in range(self.number)]
+    def choose_start(self, seed):
+        """Choose another start state for each kitchen."""
+        dill = importlib.import_module("dill")
+        starts = [(dill.dumps(StartState(seed + place)),) for place in range(self.number)]
         self.raw.call_each("run_dill_function", args_list=starts)
 
-    def seed_actions(self, seed):
-        """Seed a generator of our own: the space of the runner's stand-in is wider than the environment's."""
-        import numpy as np
-
-        self.random = np.random.RandomState(seed)
+    seed_actions = Environment.seed_actions  # the space of the runner's stand-in is wider than the environment's
 
     def action(self):
-        """Draw actions within what the environment itself allows."""
-        bound = BOUND if self.asked["abs_action"] else 1
-        shape = (self.number, self.asked["n_action_steps"], ACTED)
+        """Draw actions within the bounds of the environment itself: float32 (number, steps, size)."""
+        bound = BOUND if self.arguments["abs_action"] else 1
+        shape = (self.number, self.arguments["n_action_steps"], ACTED)
         return self.random.uniform(-bound, bound, shape).astype("float32")
 
 
-def _in_steps(env, asked):
+def _with_several_steps(env, arguments):
     return _part("gym_util.multistep_wrapper").MultiStepWrapper(
         env,
-        n_obs_steps=asked["n_obs_steps"],
-        n_action_steps=asked["n_action_steps"],
-        max_episode_steps=asked["max_steps"],
+        n_obs_steps=arguments["n_obs_steps"],
+        n_action_steps=arguments["n_action_steps"],
+        max_episode_steps=arguments["max_steps"],
     )
 
 
-def _dilled(start):
-    return importlib.import_module("dill").dumps(start)
-
-
-def _asked(case):
+def _runner_arguments(case):
     """Return the runner's arguments."""
-    asked = {name: value for name, value in case["kwargs"].items() if name != "dummy"}
-    for name in asked:
+    arguments = {name: value for name, value in case["kwargs"].items() if name != "dummy"}
+    for name in arguments:
         if name not in RUNNER:
             violate("diffusion_policy.argument", got=repr(name), promised=", ".join(RUNNER))
-    return dict(RUNNER, **asked)
-
-
-def _named(case):
-    return (case["env"] or "").rpartition(":")[2]
+    return dict(RUNNER, **arguments)
 
 
 def _part(name):

@@ -1,12 +1,12 @@
-"""The adapter of dm_control's suite: `dm_control:cheetah/run` is a domain and a task, and environments speak dm_env."""
+"""Drive dm_control's suite: `dm_control:cheetah/run` is a domain and a task, and environments speak dm_env."""
 
 import importlib
 
 from .cell_adapter import Adapter, Environment
+from .cell_callables import user_callable
 from .cell_errors import library, skip, violate
-from .cell_observed import inside, place
-from .cell_own import own
-from .cell_values import array_of, scalar, shown
+from .cell_observation import inside, place
+from .cell_values import check_array, check_number, describe_value
 
 PACKAGES = {"dm-control": "dm_control"}
 IDS = r"\w+/\w+"
@@ -26,70 +26,67 @@ class Suite(Adapter):
 
     def modules(self, case):
         """Return the suite, or the module of a callable that makes an environment."""
-        found = own(case)
-        return [found.module] if found else list(self.imports)
+        factory = user_callable(case)
+        return [factory.module] if factory else list(self.imports)
 
-    def knows(self, case):
-        """Tell whether the suite has the task, or it is a callable of the user's."""
-        return own(case) is not None or super().knows(case)
+    def has_environment(self, case):
+        """Return whether the suite has the task, or it is a callable of the user's."""
+        return user_callable(case) is not None or super().has_environment(case)
 
-    def names(self):
+    def environment_names(self):
         """Return all tasks, as `domain/task`."""
         return ["/".join(task) for task in importlib.import_module("dm_control.suite").ALL_TASKS]
 
-    def make(self, case, tell, draw=False):
+    def make(self, case, report, draw=False):
         """Load the task, which takes its randomness then; any task draws."""
-        found = own(case)
-        if found:
+        factory = user_callable(case)
+        if factory:
             with library:
-                return Task(found.make(dict(case["kwargs"])), tell)
+                return Task(factory.make(dict(case["kwargs"])), report)
         domain, _, task = case["env"].rpartition(":")[2].partition("/")
         options = dict(case["kwargs"])
         options["task_kwargs"] = dict({"random": case["seed"]}, **options.get("task_kwargs", {}))
         with library:
             raw = importlib.import_module("dm_control.suite").load(domain, task, **options)
-        return Task(raw, tell)
+        return Task(raw, report)
 
 
 class Task(Environment):
     """An environment of dm_env whose physics can be asked and drawn."""
 
-    def __init__(self, raw, tell):
-        import numpy as np
-
-        super().__init__(tell)
+    def __init__(self, raw, report):
+        super().__init__(report)
         self.raw = raw
-        self.random = np.random.RandomState(0)
         with library:
             if not hasattr(raw, "physics"):
                 self.get_state = None
-            self.promised = raw.observation_spec()
+            self.specs = raw.observation_spec()
             self.actions = raw.action_spec()
 
     def reset(self, seed=None):
         """Start an episode; the seed is given to the generator that the task was loaded with."""
         with library:
-            generator = self._generator()
+            generator = self._random_generator()
             if seed is not None and generator is not None:
                 generator.seed(seed)
             first = self.raw.reset()
         self._examine("reset()", first, ("FIRST",))
         if first.reward is not None or first.discount is not None:
-            self.tell("type", "dm_control.first_step")
+            self.report("type", "dm_control.first_step")
         return first.observation
 
-    def _generator(self):
+    def _random_generator(self):
         """Return the random generator of a task of the suite, or of an environment of composer."""
-        kept = getattr(getattr(self.raw, "task", None), "random", None)
-        return getattr(self.raw, "random_state", None) if kept is None else kept
+        generator = getattr(getattr(self.raw, "task", None), "random", None)
+        return getattr(self.raw, "random_state", None) if generator is None else generator
 
     def step(self, action):
         """Make one step; the end of an episode with a discount is a truncation."""
         with library:
             result = self.raw.step(action)
         self._examine("step()", result, ("MID", "LAST"))
-        scalar(result.reward, place("a reward", "step()"))
-        scalar(result.discount, place("a discount", "step()"))
+        check_number(result.reward, place("a reward", "step()"))
+        check_number(result.discount, place("a discount", "step()"))
         if not 0 <= result.discount <= 1:
             violate("dm_control.discount", got=str(result.discount))
         ended = result.step_type.name == "LAST"
@@ -98,28 +95,28 @@ class Task(Environment):
     def _examine(self, call, result, types):
         """Examine the parts of a time step, its observation against the specs."""
         if not isinstance(result, tuple) or getattr(result, "_fields", None) != FIELDS:
-            violate("call.result", call=call, got=shown(result), promised="a time step of dm_env")
+            violate("call.result", call=call, got=describe_value(result), promised="a time step of dm_env")
         named = getattr(result.step_type, "name", None)
         if named not in types:
             violate("dm_control.step_type", call=call, got=str(result.step_type), promised=" or ".join(types))
-        found, promised = result.observation, self.promised
-        if not hasattr(found, "keys") or set(found) != set(promised):
-            violate("call.observation", call=call, got=shown(found), promised=", ".join(promised))
-        told = []
+        observation, promised = result.observation, self.specs
+        if not hasattr(observation, "keys") or set(observation) != set(promised):
+            violate("call.observation", call=call, got=describe_value(observation), promised=", ".join(promised))
+        remarks = []
         for name, spec in promised.items():
             where = inside(place("an observation", call), name)
-            array_of(found[name], spec.shape, spec.dtype, where, told, "spec")
-        for kind, code, data in told:
-            self.tell(kind, code, **data)
+            check_array(observation[name], spec.shape, spec.dtype, where, remarks, "spec")
+        for kind, code, data in remarks:
+            self.report(kind, code, **data)
 
     def draw(self):
-        """Draw what the first camera of the model sees, or the free one."""
+        """Draw the view of the first camera of the model, or of the free one."""
         if not hasattr(self.raw, "physics"):
             skip("dm_control.no_physics")
         camera = 0 if self.raw.physics.model.ncam else -1
         return self.raw.physics.render(height=240, width=320, camera_id=camera)
 
-    def where_drawn(self, ask):
+    def call_where_drawn(self, ask):
         """Ask in the thread of its own in which dm_control draws by OSMesa."""
         with self.raw.physics.contexts.gl.make_current() as context:
             return context.call(ask)
@@ -131,7 +128,7 @@ class Task(Environment):
             return physics.get_state(), physics.data.time, physics.data.qacc_warmstart.copy()
 
     def set_state(self, state):
-        """Put a state back as the documentation has it: in a reset of the physics, which derives all else anew."""
+        """Set a state in a reset of the physics, as documented, which derives all else again."""
         with library:
             physics = self.raw.physics
             with physics.reset_context():
@@ -139,10 +136,6 @@ class Task(Environment):
                 physics.data.time = state[1]
                 physics.data.qacc_warmstart[:] = state[2]
             physics.data.qacc_warmstart[:] = state[2]
-
-    def seed_actions(self, seed):
-        """Seed what draws actions."""
-        self.random.seed(seed)
 
     def action(self):
         """Draw an action within its bounds, from a normal distribution where it has none."""
@@ -160,12 +153,8 @@ class Task(Environment):
     def describe(self):
         """Return the specs as text."""
         with library:
-            specs = {"observation_space": self.promised, "action_space": self.actions}
+            specs = {"observation_space": self.specs, "action_space": self.actions}
             return {name: str(spec)[:500] for name, spec in specs.items()}
-
-    def close(self):
-        """Close the environment."""
-        self.raw.close()
 
 
 API = Suite()

@@ -1,9 +1,9 @@
-"""The adapter of gym, every generation."""
+"""Drive gym, every generation."""
 
-from .cell_classic import Gym
+from .cell_gym_classic import GymAdapter
 
 PACKAGES = {"gym": "gym"}
 DRAWS = ("mujoco_py",)
 READS_MUJOCO_GL = ("mujoco-py", "free-mujoco-py")
 
-API = Gym()
+API = GymAdapter()

@@ -1,7 +1,7 @@
-"""The adapter of gymnasium."""
+"""Drive gymnasium."""
 
-from .cell_family import Family
+from .cell_gym_modern import GymnasiumAdapter
 
 PACKAGES = {"gymnasium": "gymnasium"}
 
-API = Family("gymnasium")
+API = GymnasiumAdapter("gymnasium")

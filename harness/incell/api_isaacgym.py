@@ -1,4 +1,4 @@
-"""The adapter of NVIDIA's Isaac Gym: `isaacgym:boxes` is a scene of ours with a camera in each environment.
+"""Drive NVIDIA's Isaac Gym: `isaacgym:boxes` is a scene of ours with a camera in each environment.
 
 Arguments of make: `compute_device` and `graphics_device` as create_sim takes them, `pipeline` (`gpu` or `cpu`),
 `envs`, and `path`, the way of a picture to the user: `tensor` leaves it on the GPU for PyTorch, `cpu` copies it.
@@ -9,10 +9,11 @@ Written against the calls that NVIDIA's documentation and examples show, and che
 import importlib
 
 from .cell_adapter import Adapter, Environment
+from .cell_callables import local_name
 from .cell_errors import library, skip, violate
-from .cell_gpus import devices
-from .cell_observed import place
-from .cell_values import numbers
+from .cell_gpus import list_devices
+from .cell_observation import place
+from .cell_values import as_numbers
 
 PACKAGES = {"isaacgym": "isaacgym"}
 NOT_IMPORTED = {"isaacgym": "it compiles itself when it is imported"}
@@ -33,32 +34,32 @@ STATE = 13
 NO_GRAPHICS = -1
 RED, BLUE, GREEN = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
 BODIES = ((RED, (0.0, 0.3, 1.6), True), (BLUE, (0.0, 0.3, 0.4), True), (GREEN, (0.7, 0.0, 1.8), False))
-"""Colour, place and whether it stays there: a box above another, and a sphere that falls beside."""
+"""Colour, place and whether it is fixed: a box above another one, and a sphere that falls next to them."""
 
 FROM, AT = (2.4, -3.1, 1.9), (0.2, 0.1, 0.9)
 """Where the camera is and looks to: one along an axis has drawn black (iamlab-cmu/isaacgym-utils, issue 1)."""
 
-SEES = {"compute": ("cuda", "CUDA"), "graphics": ("vulkan", "Vulkan")}
+DRIVERS = {"compute": ("cuda", "CUDA"), "graphics": ("vulkan", "Vulkan")}
 
 
 class IsaacGym(Adapter):
     """The calls of a user: create_sim, create_camera_sensor, simulate, and either way to the picture."""
 
     def modules(self, case):
-        """Isaac Gym goes before PyTorch, which its gymtorch imports; without tensors there is no need of either."""
+        """Return Isaac Gym, which goes before PyTorch, and for tensors its gymtorch, which imports PyTorch."""
         chosen = arguments(case)
         tensors = chosen["path"] == "tensor" or chosen["pipeline"] == "gpu"
         return ["isaacgym.gymapi"] + (["isaacgym.gymtorch"] if tensors else [])
 
-    def make(self, case, tell, draw=False):
-        """Make a simulation on the devices asked for, without graphics unless it is to draw."""
-        name = case["env"].partition(":")[2] or case["env"]
+    def make(self, case, report, draw=False):
+        """Make a simulation on the requested devices, with graphics only for drawing."""
+        name = local_name(case)
         if name != SCENE:
             message = "no scene {!r}; write isaacgym:{}".format(name, SCENE)
             raise LookupError(message)
         chosen = arguments(case)
-        seen = there(chosen, ("compute", "graphics") if draw else ("compute",))
-        return Simulation(chosen, seen, tell, draw)
+        devices = available_devices(chosen, ("compute", "graphics") if draw else ("compute",))
+        return Simulation(chosen, devices, report, draw)
 
 
 def arguments(case):
@@ -71,28 +72,25 @@ def arguments(case):
     return chosen
 
 
-def there(chosen, needed):
-    """Return the devices that CUDA and Vulkan see.
-
-    A device that is needed and that this machine has not is no failure.
-    """
-    seen = {role: devices(way) for role, (way, _) in SEES.items()}
+def available_devices(chosen, needed):
+    """Return the devices that CUDA and Vulkan see; skip where one that is needed is not there."""
+    devices = {role: list_devices(driver) for role, (driver, _) in DRIVERS.items()}
     for role in needed:
-        wanted, found = chosen[role + "_device"], seen[role]
-        if found is not None and wanted >= len(found):
-            skip("isaacgym.no_device", role=role, promised=wanted, driver=SEES[role][1], got=len(found))
-    return seen
+        wanted, present = chosen[role + "_device"], devices[role]
+        if present is not None and wanted >= len(present):
+            skip("isaacgym.no_device", role=role, promised=wanted, driver=DRIVERS[role][1], got=len(present))
+    return devices
 
 
-def told(seen):
-    """Return the names of the devices in the order of their numbers, and which of both are one and the same."""
-    facts = {role: found and [named(device) for device in found] for role, found in seen.items()}
-    graphics = {device["uuid"]: number for number, device in enumerate(seen["graphics"] or ()) if device["uuid"]}
-    facts["same"] = [graphics.get(device["uuid"]) for device in seen["compute"] or ()]
+def device_facts(devices):
+    """Return the names of the devices in the order of their numbers, and which of both are the same device."""
+    facts = {role: present and list(map(device_name, present)) for role, present in devices.items()}
+    graphics = {device["uuid"]: number for number, device in enumerate(devices["graphics"] or ()) if device["uuid"]}
+    facts["same"] = [graphics.get(device["uuid"]) for device in devices["compute"] or ()]
     return facts
 
 
-def named(device):
+def device_name(device):
     """Return the name of a device, marked if it is no hardware."""
     return device["name"] + (" (software)" if device.get("kind") == "software" else "")
 
@@ -100,25 +98,25 @@ def named(device):
 class Simulation(Environment):
     """Environments side by side in one simulation, no action, no reward, no end; the same start each time."""
 
-    def __init__(self, chosen, seen, tell, draw):
-        super().__init__(tell)
+    def __init__(self, chosen, devices, report, draw):
+        super().__init__(report)
         self.chosen = chosen
-        self.seen = seen
+        self.devices = devices
         with library:
             gymapi = importlib.import_module("isaacgym.gymapi")
             self.gymapi = gymapi
             self.gym = gymapi.acquire_gym()
         self.tensors = importlib.import_module("isaacgym.gymtorch") if chosen["pipeline"] == "gpu" else None
-        self.sim = self._simulation(draw)
-        self.envs = [self._environment(number) for number in range(chosen["envs"])]
-        self.cameras = [self._camera(env) for env in self.envs] if draw else []
+        self.sim = self._create_simulation(draw)
+        self.envs = [self._create_environment(number) for number in range(chosen["envs"])]
+        self.cameras = [self._create_camera(env) for env in self.envs] if draw else []
         with library:
             prepared = self.gym.prepare_sim(self.sim)
         if not prepared:
-            tell("simulation", "isaacgym.prepare")
-        self.states = self._states()
+            report("simulation", "isaacgym.prepare")
+        self.states = self._acquire_states()
 
-    def _simulation(self, draw):
+    def _create_simulation(self, draw):
         chosen = self.chosen
         gymapi = self.gymapi
         graphics = chosen["graphics_device"] if draw else NO_GRAPHICS
@@ -139,7 +137,7 @@ class Simulation(Environment):
             violate("isaacgym.no_simulation", compute=chosen["compute_device"], graphics=graphics)
         return sim
 
-    def _environment(self, group):
+    def _create_environment(self, group):
         gym = self.gym
         gymapi = self.gymapi
         with library:
@@ -158,7 +156,7 @@ class Simulation(Environment):
                 gym.set_rigid_body_color(env, actor, 0, gymapi.MESH_VISUAL_AND_COLLISION, gymapi.Vec3(*colour))
         return env
 
-    def _camera(self, env):
+    def _create_camera(self, env):
         gymapi = self.gymapi
         with library:
             properties = gymapi.CameraProperties()
@@ -171,7 +169,7 @@ class Simulation(Environment):
             self.gym.set_camera_location(camera, env, gymapi.Vec3(*FROM), gymapi.Vec3(*AT))
         return camera
 
-    def _states(self):
+    def _acquire_states(self):
         """Return the states of all bodies before the first step: a tensor on the GPU, an array else."""
         with library:
             if self.tensors is None:
@@ -203,8 +201,7 @@ class Simulation(Environment):
         return self._step(), 0.0, False, False
 
     def _step(self):
-        gym = self.gym
-        sim = self.sim
+        gym, sim = self.gym, self.sim
         gym.simulate(sim)
         gym.fetch_results(sim, True)
         if self.tensors is None:
@@ -219,42 +216,38 @@ class Simulation(Environment):
         return {"bodies": states.reshape(expected, STATE)}
 
     def draw(self):
-        """Draw what the cameras see, and return what the first one does; every one has to have a picture."""
-        gym = self.gym
-        sim = self.sim
+        """Draw the views of all cameras, each of which has to have a picture, and return the first."""
+        gym, sim = self.gym, self.sim
         gym.fetch_results(sim, True)
         gym.step_graphics(sim)
         gym.render_all_camera_sensors(sim)
         if self.chosen["path"] == "cpu":
-            pictures = [self._copied(number) for number in range(len(self.envs))]
+            pictures = [self._picture(number, copied=True) for number in range(len(self.envs))]
         else:
             gym.start_access_image_tensors(sim)
             try:
-                pictures = [self._wrapped(number) for number in range(len(self.envs))]
+                pictures = [self._picture(number, copied=False) for number in range(len(self.envs))]
             finally:
                 gym.end_access_image_tensors(sim)
         return pictures[0]
 
-    def _wrapped(self, number):
+    def _picture(self, number, copied):
+        """Return the colours of a picture, copied by Isaac Gym or left on the GPU for PyTorch; drop the fourth channel.
+
+        The picture is an array (HEIGHT, WIDTH, 3) of uint8.
+        """
         env = self.envs[number]
         camera = self.cameras[number]
-        raw = self.gym.get_camera_image_gpu_tensor(self.sim, env, camera, self.gymapi.IMAGE_COLOR)
+        if copied:
+            raw = self.gym.get_camera_image(self.sim, env, camera, self.gymapi.IMAGE_COLOR)
+        else:
+            raw = self.gym.get_camera_image_gpu_tensor(self.sim, env, camera, self.gymapi.IMAGE_COLOR)
         if raw is None:
-            violate("isaacgym.no_picture", call="get_camera_image_gpu_tensor()", number=number)
-        tensors = importlib.import_module("isaacgym.gymtorch")
-        return self._picture(number, tensors.wrap_tensor(raw).cpu().numpy())
-
-    def _copied(self, number):
-        env = self.envs[number]
-        camera = self.cameras[number]
-        raw = self.gym.get_camera_image(self.sim, env, camera, self.gymapi.IMAGE_COLOR)
-        if raw is None:
-            violate("isaacgym.no_picture", call="get_camera_image()", number=number)
-        return self._picture(number, raw)
-
-    def _picture(self, number, raw):
-        """Return the colours of a picture, whose fourth channel is no colour."""
-        picture = numbers(raw, place("the camera image of environment {}".format(number)))
+            call = "get_camera_image()" if copied else "get_camera_image_gpu_tensor()"
+            violate("isaacgym.no_picture", call=call, number=number)
+        if not copied:
+            raw = importlib.import_module("isaacgym.gymtorch").wrap_tensor(raw).cpu().numpy()
+        picture = as_numbers(raw, place("the camera image of environment {}".format(number)))
         if picture.size != HEIGHT * WIDTH * CHANNELS or picture.dtype.name != "uint8":
             got = "{} values of {}".format(picture.size, picture.dtype)
             violate("isaacgym.picture", number=number, got=got, promised="{} x {} x {}".format(HEIGHT, WIDTH, CHANNELS))
@@ -264,7 +257,7 @@ class Simulation(Environment):
         """Return the release, and the devices of this machine."""
         with library:
             version = self.gym.get_version()
-        return {"told": dict(told(self.seen), version="{}.{}".format(version.major, version.minor))}
+        return {"told": dict(device_facts(self.devices), version="{}.{}".format(version.major, version.minor))}
 
     def close(self):
         """End the simulation."""

@@ -1,36 +1,36 @@
-"""The adapter of MJX, MuJoCo on JAX: `mjx:sphere` is a scene of ours, `mjx:FILE.xml` a model of one's own."""
+"""Drive MJX, MuJoCo on JAX: `mjx:sphere` is a scene of ours, `mjx:FILE.xml` a model of one's own."""
 
 import importlib
 
+from .cell_batched_worlds import Worlds, WorldsAdapter
 from .cell_errors import library
-from .cell_observed import place
-from .cell_scene import load
-from .cell_worlds import World, Worlds
+from .cell_observation import place
+from .cell_scenes import load_model
 
 PACKAGES = {"mujoco-mjx": "mujoco.mjx"}
 IDS = r".+\.xml"
 EXAMPLE = "mjx:sphere"
 
 
-class Mjx(Worlds):
+class Mjx(WorldsAdapter):
     """The calls of a user: put_model, make_data, a compiled step, vmap over worlds."""
 
     name = "MJX"
     imports = ("jax", "mujoco", "mujoco.mjx")
 
-    def simulate(self, case, tell, worlds=None):
+    def simulate(self, case, report, worlds=None):
         """Put a model on the device."""
-        return Simulation(case, tell, worlds)
+        return Simulation(case, report, worlds)
 
 
-class Simulation(World):
+class Simulation(Worlds):
     """A model that is stepped with random controls; the same start each time. Its data never change: new ones come."""
 
-    def __init__(self, case, tell, worlds):
+    def __init__(self, case, report, worlds):
         self.jax = jax = importlib.import_module("jax")
         mjx = importlib.import_module("mujoco.mjx")
-        model = load(importlib.import_module("mujoco"), case)
-        super().__init__(tell, worlds, *model.actuator_ctrlrange.T)
+        model = load_model(importlib.import_module("mujoco"), case)
+        super().__init__(report, worlds, *model.actuator_ctrlrange.T)
         self.sizes = {"qpos": (model.nq,), "qvel": (model.nv,)}
         put = getattr(mjx, "put_model", None) or mjx.device_put  # before MJX 3.1
         with library:
@@ -49,10 +49,10 @@ class Simulation(World):
     def advance(self, action):
         """Make one step of all worlds."""
         self.data = self.forward(self.model, self.data.replace(ctrl=self.jax.numpy.asarray(action)))
-        return self.stepped(self._observed())
+        return self.complete_step(self._observed())
 
     def _observed(self):
-        return {name: self.seen(place(name), getattr(self.data, name), size) for name, size in self.sizes.items()}
+        return {name: self.copy_array(place(name), getattr(self.data, name), size) for name, size in self.sizes.items()}
 
     def get_state(self):
         """Return the data."""

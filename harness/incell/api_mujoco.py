@@ -1,10 +1,11 @@
-"""The adapter of MuJoCo's own bindings: `mujoco:markers` is a scene of ours, `mujoco:FILE.xml` a model of one's own."""
+"""Drive MuJoCo's own bindings: `mujoco:markers` is a scene of ours, `mujoco:FILE.xml` a model of one's own."""
 
 import importlib
 
 from .cell_adapter import Adapter, Environment
+from .cell_callables import local_name
 from .cell_errors import library
-from .cell_scene import PICTURES, load, named
+from .cell_scenes import PICTURES, load_model
 
 PACKAGES = {"mujoco": "mujoco"}
 IDS = r".+\.xml|markers"
@@ -15,7 +16,7 @@ READS_MUJOCO_GL = ("mujoco",)
 
 HEIGHT, WIDTH = 240, 320
 STATE = ("qpos", "qvel", "act", "ctrl", "qacc_warmstart", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat")
-"""What a state is, beside the time, where the bindings have no mj_getState."""
+"""The parts of a state besides the time, where the bindings have no mj_getState."""
 
 
 class Bindings(Adapter):
@@ -23,27 +24,25 @@ class Bindings(Adapter):
 
     imports = ("mujoco",)
 
-    def make(self, case, tell, draw=False):
-        """Make a model and its data, and what draws them."""
+    def make(self, case, report, draw=False):
+        """Make a model, its data and a renderer."""
         mujoco = importlib.import_module("mujoco")
-        model = load(mujoco, case)
-        return Simulation(mujoco, model, tell, draw)
+        model = load_model(mujoco, case)
+        return Simulation(mujoco, model, report, draw)
 
-    def picture(self, case):
+    def picture_colours(self, case):
         """Return the colours of those scenes of ours that have some above and others below."""
-        return PICTURES.get(named(case))
+        return PICTURES.get(local_name(case))
 
 
 class Simulation(Environment):
     """A model that is stepped with random controls; the same start each time, no reward, no end."""
 
-    def __init__(self, mujoco, model, tell, draw):
-        import numpy as np
+    def __init__(self, mujoco, model, report, draw):
 
-        super().__init__(tell)
+        super().__init__(report)
         self.mujoco = mujoco
         self.model = model
-        self.random = np.random.RandomState(0)
         self.drawer = None
         with library:
             self.data = mujoco.MjData(model)
@@ -64,14 +63,14 @@ class Simulation(Environment):
         for number, warning in enumerate(self.data.warning):
             if warning.number:
                 text = self.mujoco.mju_warningText(number, warning.lastinfo)
-                self.tell("simulation", "mujoco.warned", text=text)
+                self.report("simulation", "mujoco.warned", text=text)
         return self._observed(), 0.0, False, False
 
     def _observed(self):
         return {name: getattr(self.data, name).copy() for name in ("qpos", "qvel", "sensordata")}
 
     def draw(self):
-        """Draw what the first camera of the model sees, or the free one."""
+        """Draw the view of the first camera of the model, or of the free one."""
         return self.drawer.draw(self.data, 0 if self.model.ncam else -1)
 
     def get_state(self):
@@ -94,10 +93,6 @@ class Simulation(Environment):
                     getattr(self.data, name)[:] = value
             else:
                 self.mujoco.mj_setState(self.model, self.data, state, self.integration)
-
-    def seed_actions(self, seed):
-        """Seed what draws controls."""
-        self.random.seed(seed)
 
     def action(self):
         """Draw controls within their ranges, from a normal distribution where they have none."""
@@ -130,7 +125,7 @@ class Renderer:
         return self.raw.render()
 
     def close(self):
-        """Free the context, where this can be asked for."""
+        """Free the context, where the release can."""
         if hasattr(self.raw, "close"):
             self.raw.close()
 

@@ -1,11 +1,11 @@
-"""The adapter of Newton: `newton:sphere` is a scene of ours, under the solver that `kwargs.solver` names."""
+"""Drive Newton: `newton:sphere` is a scene of ours, under the solver that `kwargs.solver` names."""
 
 import importlib
 
+from .cell_batched_worlds import Worlds, WorldsAdapter
 from .cell_errors import library
-from .cell_observed import place
-from .cell_scene import source
-from .cell_worlds import World, Worlds
+from .cell_observation import place
+from .cell_scenes import model_source
 
 PACKAGES = {"newton": "newton"}
 IDS = r".+\.xml"
@@ -16,32 +16,32 @@ TIMESTEP = 0.002
 TORQUE = 1.0
 
 
-class Newton(Worlds):
+class Newton(WorldsAdapter):
     """The calls of a user: a builder, replicated worlds, a solver between two states."""
 
     name = "Newton"
     imports = ("warp", "newton")
 
-    def simulate(self, case, tell, worlds=None):
+    def simulate(self, case, report, worlds=None):
         """Build a model and its solver."""
-        return Simulation(case, tell, worlds)
+        return Simulation(case, report, worlds)
 
 
-class Simulation(World):
+class Simulation(Worlds):
     """A model whose last joint is driven by random torques; the same start each time."""
 
-    def __init__(self, case, tell, worlds):
+    def __init__(self, case, report, worlds):
         import numpy as np
 
-        super().__init__(tell, worlds, np.array([-TORQUE]), np.array([TORQUE]))
+        super().__init__(report, worlds, np.array([-TORQUE]), np.array([TORQUE]))
         newton = importlib.import_module("newton")
         kwargs = dict(case["kwargs"])
         solver = _solver(newton, kwargs.pop("solver", SOLVER))
         with library:
-            one = newton.ModelBuilder()
-            one.add_mjcf(source(case))
+            world = newton.ModelBuilder()
+            world.add_mjcf(model_source(case))
             builder = newton.ModelBuilder()
-            builder.replicate(one, worlds or 1)
+            builder.replicate(world, worlds or 1)
             self.model = builder.finalize()
             self.solver = solver(self.model, **kwargs)
             self.control = self.model.control()
@@ -66,13 +66,13 @@ class Simulation(World):
         self.state.clear_forces()
         self.solver.step(self.state, self.next, self.control, self.collide(self.state), TIMESTEP)
         self.state, self.next = self.next, self.state
-        return self.stepped(self._observed())
+        return self.complete_step(self._observed())
 
     def _observed(self):
         parts = {"body_q": 7, "body_qd": 6}
         arrays = {name: getattr(self.state, name).numpy() for name in parts}
         shaped = {name: array.reshape((*self.shape, self.bodies, -1)) for name, array in arrays.items()}
-        return {name: self.seen(place(name), shaped[name], (self.bodies, size)) for name, size in parts.items()}
+        return {name: self.copy_array(place(name), shaped[name], (self.bodies, size)) for name, size in parts.items()}
 
     def describe(self):
         """Return the device, and the sizes of the model."""
@@ -81,13 +81,13 @@ class Simulation(World):
 
 
 def _solver(newton, name):
-    known = {each[len("Solver") :].lower(): each for each in dir(newton.solvers) if each.startswith("Solver")}
-    known.pop("base", None)
-    if name not in known:
-        message = "Newton has no solver {!r}: it has {}".format(name, ", ".join(sorted(known)))
+    solvers = {each[len("Solver") :].lower(): each for each in dir(newton.solvers) if each.startswith("Solver")}
+    solvers.pop("base", None)
+    if name not in solvers:
+        message = "Newton has no solver {!r}: it has {}".format(name, ", ".join(sorted(solvers)))
         raise LookupError(message)
     with library:
-        return getattr(newton.solvers, known[name])
+        return getattr(newton.solvers, solvers[name])
 
 
 def _collider(newton, solver, model):

@@ -1,4 +1,4 @@
-"""The adapter of PettingZoo: `pettingzoo:classic/rps_v2`; agents act at once where the module offers that.
+"""Drive PettingZoo: `pettingzoo:classic/rps_v2`; agents act at once where the module offers that.
 
 What follows is a module below `pettingzoo`; with `aec:` before it, agents take turns. Every agent is examined by its
 own spaces.
@@ -10,17 +10,17 @@ import re
 import sys
 
 from .cell_adapter import Adapter, Environment
+from .cell_callables import local_name, takes_argument, user_callable
 from .cell_errors import library, skip, violate
-from .cell_observed import place
-from .cell_own import own, takes
-from .cell_values import Examiner, flag, scalar, shown
+from .cell_observation import place
+from .cell_values import Examiner, check_flag, check_number, describe_value
 
 PACKAGES = {"pettingzoo": "pettingzoo"}
 IDS = r"(aec:)?[a-z]+/\w+[_-]v\d+"
 EXAMPLE = "pettingzoo:classic/rps_v2"
 
 TURNS = "aec:"
-"""What stands before the module of an environment in which agents take turns."""
+"""The prefix of a module whose agents take turns."""
 
 FIVE = ("observations", "rewards", "terminations", "truncations", "infos")
 
@@ -35,42 +35,43 @@ class PettingZoo(Adapter):
 
     def modules(self, case):
         """Return the library, and the module of the environment."""
-        found = own(case)
-        module = found.module if found else _module(case)
-        return [*self.imports, *([module] if found or self.knows(case) else [])]
+        factory = user_callable(case)
+        module = factory.module if factory else _module(case)
+        return [*self.imports, *([module] if factory or self.has_environment(case) else [])]
 
-    def knows(self, case):
-        """Tell whether PettingZoo has the module, or it is a callable of the user's."""
-        return own(case) is not None or _module(case).partition(".")[2].replace(".", "/") in self.names()
+    def has_environment(self, case):
+        """Return whether PettingZoo has the module, or it is a callable of the user's."""
+        name = _module(case).partition(".")[2].replace(".", "/")
+        return user_callable(case) is not None or name in self.environment_names()
 
-    def names(self):
+    def environment_names(self):
         """Return all modules of environments, as `classic/rps_v2`."""
         return sorted(_modules())
 
-    def make(self, case, tell, draw=False):
+    def make(self, case, report, draw=False):
         """Make the environment of a case."""
         with library:
-            raw = self.bare(case, **({"render_mode": "rgb_array"} if draw else {}))
-        return (Turns if hasattr(raw, "agent_iter") else Together)(raw, tell)
+            raw = self.make_raw(case, **({"render_mode": "rgb_array"} if draw else {}))
+        return (TurnsGroup if hasattr(raw, "agent_iter") else ParallelGroup)(raw, report)
 
-    def bare(self, case, **more):
+    def make_raw(self, case, **more):
         """Make the library's own object."""
         options = dict(case["kwargs"], **more)
-        found = own(case)
-        if found:
-            return found.make(options)
+        factory = user_callable(case)
+        if factory:
+            return factory.make(options)
         module = importlib.import_module(_module(case))
-        turns = _named(case).startswith(TURNS) or not hasattr(module, "parallel_env")
+        turns = local_name(case).startswith(TURNS) or not hasattr(module, "parallel_env")
         return (module.env if turns else module.parallel_env)(**options)
 
-    def make_vector(self, makers, way, tell):
+    def make_vector(self, makers, options, report):
         """Skip: environments in batches are those of SuperSuit, another library."""
         skip("pettingzoo.no_batches")
 
     def check_env(self, case):
         """Run the library's own test."""
         with library:
-            raw = self.bare(case)
+            raw = self.make_raw(case)
             test = importlib.import_module("pettingzoo.test")
             if hasattr(raw, "agent_iter"):
                 test.api_test(raw, num_cycles=CYCLES)
@@ -80,7 +81,7 @@ class PettingZoo(Adapter):
     def declares_pictures(self, case):
         """Return whether the environment names the render mode rgb_array."""
         try:
-            raw = self.bare(case)
+            raw = self.make_raw(case)
             modes = raw.metadata.get("render_modes", ())
             raw.close()
         except Exception:
@@ -88,14 +89,8 @@ class PettingZoo(Adapter):
         return "rgb_array" in modes
 
 
-def _named(case):
-    """Return the id of the case's environment without the name of the library."""
-    prefix, _, rest = case["env"].partition(":")
-    return rest if prefix == "pettingzoo" else case["env"]
-
-
 def _module(case):
-    name = _named(case)
+    name = local_name(case)
     name = name[len(TURNS) :] if name.startswith(TURNS) else name
     return "pettingzoo." + re.sub(r"-(v\d+)$", r"_\1", name).replace("/", ".")
 
@@ -124,29 +119,29 @@ class Agent:
 class Group(Environment):
     """Several agents; an episode is over when none of them is left."""
 
-    def __init__(self, raw, tell):
-        super().__init__(tell)
+    def __init__(self, raw, report):
+        super().__init__(report)
         self.raw = raw
         self.seed = 0
-        self.known = {}
+        self.agents = {}
         self.masks = {}
 
     def agent(self, name):
-        """Return an agent, and what examines its observations; both made when it first appears."""
-        if name not in self.known:
+        """Return an agent and the examiner of its observations; both are made when it first appears."""
+        if name not in self.agents:
             agent = Agent(self.raw, name)
             spaces = importlib.import_module(type(agent.observation_space).__module__.partition(".")[0] + ".spaces")
-            examiner = Examiner(spaces, agent, self.tell)
-            self.known[name] = agent, examiner
+            examiner = Examiner(spaces, agent, self.report)
+            self.agents[name] = agent, examiner
             self._seed(agent)
-        return self.known[name]
+        return self.agents[name]
 
     def _seed(self, agent):
         with library:
             agent.action_space.seed(self.seed + sum(bytearray(str(agent.name).encode("utf-8"))))
 
-    def observed(self, call, name, observation, info):
-        """Examine what an agent sees, and keep which of its actions are allowed."""
+    def examine(self, call, name, observation, info):
+        """Examine the observation of an agent, and keep the mask of its allowed actions."""
         call = "{} of {}".format(call, name)
         examiner = self.agent(name)[1]
         examiner.info(call, info)
@@ -157,7 +152,7 @@ class Group(Environment):
         self.masks[name] = masks[0] if masks else None
 
     def draw_action(self, name):
-        """Sample the action space of an agent, among what is allowed."""
+        """Sample the action space of an agent, among its allowed actions."""
         space, mask = self.agent(name)[0].action_space, self.masks.get(name)
         with library:
             return space.sample() if mask is None else space.sample(mask)
@@ -165,7 +160,7 @@ class Group(Environment):
     def seed_actions(self, seed):
         """Seed the action spaces, each in its own way."""
         self.seed = seed
-        for agent, _ in self.known.values():
+        for agent, _ in self.agents.values():
             self._seed(agent)
 
     def draw(self):
@@ -176,30 +171,26 @@ class Group(Environment):
         """Return the spaces by agent."""
         spaces = {}
         for kind in ("observation_space", "action_space"):
-            spaces[kind] = str({name: str(getattr(agent, kind)) for name, (agent, _) in self.known.items()})[:500]
+            spaces[kind] = str({name: str(getattr(agent, kind)) for name, (agent, _) in self.agents.items()})[:500]
         return spaces
 
-    def close(self):
-        """Close the library's object."""
-        self.raw.close()
 
-
-class Together(Group):
+class ParallelGroup(Group):
     """All agents act at once: everything comes by agent."""
 
     def reset(self, seed=None):
         """Start an episode and return the observations by agent."""
         with library:
             result = self.raw.reset(seed=seed)
-            several = takes(self.raw.reset, "return_info")  # until 1.22: the observations alone, unless asked for more
-        if several:
+            alone = takes_argument(self.raw.reset, "return_info")  # until 1.22 the observations, unless told otherwise
+        if alone:
             result = result, {}
         elif not isinstance(result, tuple) or len(result) != 2:
-            violate("call.result", call="reset()", got=shown(result), promised="(observations, infos)")
+            violate("call.result", call="reset()", got=describe_value(result), promised="(observations, infos)")
         observations, infos = result
         self._by_agent("reset()", "observations", observations, self.raw.agents)
         for name in self.raw.agents:
-            self.observed("reset()", name, observations[name], _of(infos, name))
+            self.examine("reset()", name, observations[name], _agent_info(infos, name))
         return dict(observations)
 
     def step(self, action):
@@ -208,22 +199,22 @@ class Together(Group):
             before = list(self.raw.agents)
             result = self.raw.step(action)
         if not isinstance(result, tuple) or len(result) != 5:
-            violate("call.result", call="step()", got=shown(result), promised="({})".format(", ".join(FIVE)))
+            violate("call.result", call="step()", got=describe_value(result), promised="({})".format(", ".join(FIVE)))
         for name, part in zip(FIVE[:4], result):
             self._by_agent("step()", name, part, before)
         observations, rewards, terminations, truncations, infos = result
         for name in before:
-            self.observed("step()", name, observations[name], _of(infos, name))
-            scalar(rewards[name], place("a reward of {}".format(name), "step()"))
-            flag("the termination of {}".format(name), terminations[name], self.tell)
-            flag("the truncation of {}".format(name), truncations[name], self.tell)
+            self.examine("step()", name, observations[name], _agent_info(infos, name))
+            check_number(rewards[name], place("a reward of {}".format(name), "step()"))
+            check_flag("the termination of {}".format(name), terminations[name], self.report)
+            check_flag("the truncation of {}".format(name), truncations[name], self.report)
         over = not self.raw.agents
         ended = over and all(terminations.values())
         return dict(observations), dict(rewards), ended, over and not ended
 
     def _by_agent(self, call, what, part, names):
         if not isinstance(part, dict):
-            violate("pettingzoo.not_by_agent", call=call, what=what, got=shown(part))
+            violate("pettingzoo.not_by_agent", call=call, what=what, got=describe_value(part))
         missing = [name for name in names if name not in part]
         if missing:
             violate("pettingzoo.agents_missing", call=call, what=what, missing=", ".join(map(str, missing)))
@@ -233,17 +224,17 @@ class Together(Group):
         return {name: self.draw_action(name) for name in self.raw.agents}
 
 
-class Turns(Group):
+class TurnsGroup(Group):
     """Agents act one after the other; a step is the turn of one of them."""
 
     def reset(self, seed=None):
-        """Start an episode and return what the first agent sees."""
+        """Start an episode and return the observation of the first agent."""
         with library:
             self.raw.reset(seed=seed)
         return self._last("reset()")[0]
 
     def step(self, action):
-        """Let an agent act: what the next one sees and got since its last turn, and whether none of them is left.
+        """Let an agent act; return observation and rewards of the next one, and whether no agent is left.
 
         Those whose episode has ended are told so in their turn, and do nothing in it.
         """
@@ -267,12 +258,12 @@ class Turns(Group):
             result = self.raw.last()
         if not isinstance(result, tuple) or len(result) != 5:
             promised = "(observation, reward, termination, truncation, info)"
-            violate("call.result", call="last() after {}".format(call), got=shown(result), promised=promised)
+            violate("call.result", call="last() after {}".format(call), got=describe_value(result), promised=promised)
         observation, reward, terminated, truncated, info = result
-        self.observed(call, name, observation, info)
-        scalar(reward, place("a reward of {}".format(name), "last()"))
-        flag("the termination of {}".format(name), terminated, self.tell)
-        flag("the truncation of {}".format(name), truncated, self.tell)
+        self.examine(call, name, observation, info)
+        check_number(reward, place("a reward of {}".format(name), "last()"))
+        check_flag("the termination of {}".format(name), terminated, self.report)
+        check_flag("the truncation of {}".format(name), truncated, self.report)
         return {str(name): observation}, {str(name): reward}, terminated, truncated
 
     def action(self):
@@ -280,7 +271,7 @@ class Turns(Group):
         return self.draw_action(self.raw.agent_selection)
 
 
-def _of(infos, name):
+def _agent_info(infos, name):
     return infos.get(name, {}) if isinstance(infos, dict) else infos
 
 

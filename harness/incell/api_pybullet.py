@@ -1,4 +1,4 @@
-"""The adapter of raw PyBullet: `pybullet:direct` is a scene of ours, `pybullet:FILE.urdf` a robot on its floor.
+"""Drive raw PyBullet: `pybullet:direct` is a scene of ours, `pybullet:FILE.urdf` a robot on its floor.
 
 The file lies where the cell runs, or among those of pybullet_data.
 """
@@ -6,6 +6,7 @@ The file lies where the cell runs, or among those of pybullet_data.
 import importlib
 
 from .cell_adapter import Adapter, Environment
+from .cell_callables import local_name
 from .cell_errors import library, violate
 
 PACKAGES = {"pybullet": "pybullet"}
@@ -29,45 +30,38 @@ class Bullet(Adapter):
 
     imports = ("pybullet",)
 
-    def make(self, case, tell, draw=False):
+    def make(self, case, report, draw=False):
         """Connect to a simulation of its own, without a window."""
-        name = named(case)
+        name = local_name(case)
         if name != SCENE and not name.endswith((".urdf", ".xml", ".sdf")):
             message = "no scene and no file: {!r}; write pybullet:{}, or a file such as pybullet:kuka_iiwa/model.urdf"
             raise LookupError(message.format(name, SCENE))
-        return Simulation(importlib.import_module("pybullet"), name, tell)
+        return Simulation(importlib.import_module("pybullet"), name, report)
 
-    def picture(self, case):
+    def picture_colours(self, case):
         """Return the colours of the scene of ours."""
-        return PICTURE if named(case) == SCENE else None
-
-
-def named(case):
-    """Return the name of the case's environment without the name of the API."""
-    return case["env"].partition(":")[2] or case["env"]
+        return PICTURE if local_name(case) == SCENE else None
 
 
 class Simulation(Environment):
     """Bodies whose joints get random torques; the same start each time, no reward, no end."""
 
-    def __init__(self, bullet, name, tell):
-        import numpy as np
+    def __init__(self, bullet, name, report):
 
-        super().__init__(tell)
+        super().__init__(report)
         self.bullet = bullet
         self.name = name
-        self.random = np.random.RandomState(0)
-        self.kept = []
+        self.states = []
         with library:
             self.here = {"physicsClientId": bullet.connect(bullet.DIRECT)}
             if not getattr(bullet, "isNumpyEnabled", lambda: 1)():
-                tell("type", "pybullet.no_numpy")
+                report("type", "pybullet.no_numpy")
 
     def begin(self, seed):
-        """Build the scene anew, as the manual has it: states of a simulation that was reset are gone."""
+        """Build the scene again, as documented: a reset deletes the saved states of a simulation."""
         bullet, here = self.bullet, self.here
         bullet.resetSimulation(**here)
-        self.kept = []
+        self.states = []
         bullet.setGravity(0, 0, GRAVITY, **here)
         bodies = scene(bullet, here) if self.name == SCENE else [floor(bullet, here), *robot(bullet, here, self.name)]
         self.bodies = bodies
@@ -101,13 +95,13 @@ class Simulation(Environment):
         bullet = self.bullet
         view = bullet.computeViewMatrix([0, -4, 1], [0, 0, 1], [0, 0, 1])
         lens = bullet.computeProjectionMatrixFOV(45, WIDTH / float(HEIGHT), 0.1, 20)
-        self.seen_from = {"view": list(view), "lens": list(lens)}
+        self.camera_matrices = {"view": list(view), "lens": list(lens)}
         light = {"shadow": 0, "lightAmbientCoeff": 1, "lightDiffuseCoeff": 0, "lightSpecularCoeff": 0}
         width, height, colours, _, _ = bullet.getCameraImage(
             WIDTH, HEIGHT, view, lens, renderer=bullet.ER_TINY_RENDERER, **dict(light, **self.here)
         )
         if not isinstance(colours, np.ndarray):
-            self.tell("type", "pybullet.no_numpy")
+            self.report("type", "pybullet.no_numpy")
         picture = np.asarray(colours)
         if picture.size != width * height * 4 or not ((picture >= 0) & (picture <= 255)).all():
             violate("pybullet.picture", got=int(picture.size), promised="{} x {}".format(width, height))
@@ -117,7 +111,7 @@ class Simulation(Environment):
         """Save the state in memory: its number."""
         with library:
             state = self.bullet.saveState(**self.here)
-        self.kept.append(state)
+        self.states.append(state)
         return state
 
     def set_state(self, state):
@@ -125,16 +119,12 @@ class Simulation(Environment):
         with library:
             self.bullet.restoreState(stateId=state, **self.here)
 
-    def seed_actions(self, seed):
-        """Seed what draws torques."""
-        self.random.seed(seed)
-
     def action(self):
         """Draw a torque for each joint."""
         return self.random.uniform(-STRONGEST, STRONGEST, len(self.joints))
 
     def describe(self):
-        """Return the build, and what is there."""
+        """Return the API version, and the numbers of bodies and joints."""
         with library:
             return {"api_version": self.bullet.getAPIVersion(), "bodies": len(self.bodies), "joints": len(self.joints)}
 
@@ -148,8 +138,8 @@ def scene(bullet, here):
     box(bullet, here, (0.5, 0.05, 0.2), (0, 0.3, 1.8), RED)
     box(bullet, here, (0.5, 0.05, 0.2), (0, 0.3, 0.3), BLUE)
     shape = bullet.createCollisionShape(bullet.GEOM_SPHERE, radius=0.1, **here)
-    seen = bullet.createVisualShape(bullet.GEOM_SPHERE, radius=0.1, rgbaColor=GREEN, **here)
-    sphere = bullet.createMultiBody(1.0, shape, seen, [1.0, 0, 1.8], **here)
+    look = bullet.createVisualShape(bullet.GEOM_SPHERE, radius=0.1, rgbaColor=GREEN, **here)
+    sphere = bullet.createMultiBody(1.0, shape, look, [1.0, 0, 1.8], **here)
     return [floor(bullet, here), sphere, arm(bullet, here)]
 
 
@@ -160,9 +150,9 @@ def floor(bullet, here):
 
 def box(bullet, here, half, place, colour, solid=False):
     """Add a box that does not move."""
-    seen = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=half, rgbaColor=colour, **here)
+    look = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=half, rgbaColor=colour, **here)
     shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, **here) if solid else -1
-    return bullet.createMultiBody(0, shape, seen, place, **here)
+    return bullet.createMultiBody(0, shape, look, place, **here)
 
 
 def arm(bullet, here):
@@ -170,7 +160,7 @@ def arm(bullet, here):
     half = (0.04, 0.04, 0.25)
     base = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=[0.03] * 3, rgbaColor=GREY, **here)
     shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=half, **here)
-    seen = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=half, rgbaColor=GREEN, **here)
+    look = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=half, rgbaColor=GREEN, **here)
     return bullet.createMultiBody(
         0,
         -1,
@@ -178,7 +168,7 @@ def arm(bullet, here):
         [-1.0, 0, 1.2],
         linkMasses=[0.5],
         linkCollisionShapeIndices=[shape],
-        linkVisualShapeIndices=[seen],
+        linkVisualShapeIndices=[look],
         linkPositions=[[0, 0, 0]],
         linkOrientations=[[0, 0, 0, 1]],
         linkInertialFramePositions=[[0, 0, -0.25]],
@@ -191,7 +181,7 @@ def arm(bullet, here):
 
 
 def robot(bullet, here, name):
-    """The bodies of a file."""
+    """Load the bodies of a file."""
     bullet.setAdditionalSearchPath(importlib.import_module("pybullet_data").getDataPath(), **here)
     if name.endswith(".urdf"):
         return [bullet.loadURDF(name, [0, 0, 0.5], **here)]

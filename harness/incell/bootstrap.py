@@ -1,4 +1,4 @@
-"""The door into a cell: `python bootstrap.py request.json`, run by the cell's own interpreter.
+"""Enter a cell: `python bootstrap.py request.json`, run by the cell's own interpreter.
 
 Python starts a script with the script's folder on `sys.path`. This one takes it off again, so that no module of ours
 can stand in for one of the libraries under test, and loads the rest as a package that has a name but no place on
@@ -16,7 +16,7 @@ FOLDER = os.path.dirname(os.path.realpath(__file__))
 
 
 def enter():
-    """Take our folder off `sys.path` and make the package importable."""
+    """Remove our folder from `sys.path` and make the package importable."""
     sys.path[:] = [entry for entry in sys.path if os.path.realpath(entry) != FOLDER]
     if PACKAGE not in sys.modules:
         package = type(sys)(PACKAGE)

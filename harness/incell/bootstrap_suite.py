@@ -1,8 +1,8 @@
-"""The door for somebody's own tests: `python bootstrap_suite.py FILE MODULES ARGUMENT...`, run by a cell's interpreter.
+"""Run somebody's own tests: `python bootstrap_suite.py FILE MODULES ARGUMENT...`, run by a cell's interpreter.
 
 Neither our folder nor the working folder is on `sys.path` when pytest starts, as it is for the command `pytest`: the
-tests meet the installed package, not the source that lies beside them. Afterwards the file tells, of these modules
-(comma-separated) and of all below them that were imported, from where: name, tab, path.
+tests import the installed package, not the source beside them. Afterwards the file lists these modules
+(comma-separated), and all below them that were imported, with their places: name, tab, path.
 """
 
 import os
@@ -12,13 +12,13 @@ FOLDER = os.path.dirname(os.path.realpath(__file__))
 
 
 def main():
-    """Run pytest, tell where modules came from, end with pytest's exit code."""
+    """Run pytest, write the places of modules and end with pytest's exit code."""
     sys.path[:] = [entry for entry in sys.path if os.path.realpath(entry) != FOLDER]
-    told, modules = sys.argv[1:3]
+    path, modules = sys.argv[1:3]
     del sys.argv[1:3]
     pytest = __import__("pytest")
     code = pytest.main()
-    with open(told, "w", encoding="utf-8") as file:
+    with open(path, "w", encoding="utf-8") as file:
         for name in sorted(sys.modules):
             if name.partition(".")[0] in modules.split(","):
                 file.write("{}\t{}\n".format(name, getattr(sys.modules[name], "__file__", None) or ""))

@@ -4,9 +4,10 @@
 may have forgotten to import itself (numpy, too) is imported inside functions.
 """
 
+from .cell_callables import local_name
 from .cell_errors import library, skip
-from .cell_observed import place
-from .cell_values import finite, flag, scalar
+from .cell_observation import place
+from .cell_values import check_finite, check_flag, check_number
 
 
 class Adapter:
@@ -15,66 +16,63 @@ class Adapter:
     imports = ()
     """Modules to import before anything else."""
 
-    one_reward = False
+    single_reward = False
     """True where a batch has room for one number only as the reward of each environment."""
 
     def modules(self, case):
         """Return the names of modules to import first for a case."""
         return list(self.imports)
 
-    def knows(self, case):
+    def has_environment(self, case):
         """Return whether the environment of a case can be made without importing the modules that may register it."""
-        names = self.names()
-        return names is None or self.named(case) in names
+        names = self.environment_names()
+        return names is None or self.local_name(case) in names
 
-    def names(self):
+    def environment_names(self):
         """Return the names of all environments as ids have them; None if they cannot be listed."""
         return
 
-    def named(self, case):
+    def local_name(self, case):
         """Return the name of a case's environment, without the API's name before it."""
-        prefix, colon, rest = (case["env"] or "").partition(":")
-        return rest if colon and prefix == case["api"] else case["env"]
+        return local_name(case)
 
     def versions(self, case):
         """Return the names that exist for a case's environment in any version."""
-        stem = _stem(self.named(case).rpartition(":")[2])
-        return [one for one in self.names() or () if _stem(one) == stem]
+        stem = _stem(self.local_name(case).rpartition(":")[2])
+        return [name for name in self.environment_names() or () if _stem(name) == stem]
 
-    def nearest(self, case):
+    def similar_names(self, case):
         """Return the names most like that of a case, the nearest first; None if they cannot be listed."""
         import difflib
 
-        names = self.names()
+        names = self.environment_names()
         if names is None:
             return None
-        name = self.named(case).rpartition(":")[2]
-        stems = {}
-        for one in names:
-            stems.setdefault(_stem(one), []).append(one)
-        found = [_stem(name)] if _stem(name) in stems else difflib.get_close_matches(_stem(name), stems, cutoff=0.7)
-        return [stems[stem][-1] for stem in found]
+        stem = _stem(self.local_name(case).rpartition(":")[2])
+        latest = {_stem(name): name for name in names}
+        stems = [stem] if stem in latest else difflib.get_close_matches(stem, latest, cutoff=0.7)
+        return [latest[stem] for stem in stems]
 
-    def make(self, case, tell, draw=False):
-        """Make the environment of a case, one that draws if asked: an `Environment`."""
+    def make(self, case, report, draw=False):
+        """Make the environment of a case, one that draws if requested: an `Environment`."""
         raise NotImplementedError
 
-    def bare(self, case):
-        """Make the library's own object, for its vector environments: what a worker does."""
+    def make_raw(self, case):
+        """Make the library's own object, as the workers of its vector environments do."""
         skip("skip.no_batches")
 
-    def make_vector(self, makers, way, tell):
-        """Make one environment of several: `way` is None in this process, or arguments, with a `context` in workers.
+    def make_vector(self, makers, options, report):
+        """Make one environment of several, with the workers as its `processes`.
 
-        Its `processes` are the workers.
+        `options` is None for environments in this process, else arguments, with a `context` for those in workers.
         """
         skip("skip.no_batches")
 
     def autoreset_modes(self):
-        """Say in which ways an environment of several begins episodes anew: arguments that choose each, by its name."""
+        """Return the arguments of each autoreset mode of a batch, by the name of the mode."""
         skip("skip.no_autoreset")
 
-    def limited(self, raw, steps):
+    def limit_steps(self, raw, steps):
         """Wrap the library's own object so that its episodes are no longer than this."""
         raise NotImplementedError
 
@@ -82,12 +80,12 @@ class Adapter:
         """Run the library's own checker."""
         skip("skip.no_checker")
 
-    def picture(self, case):
+    def picture_colours(self, case):
         """Return two colours, `above` and `below`, of a right picture of a scene that the adapter itself brings."""
         return
 
     def declares_pictures(self, case):
-        """Return whether the environment says that it can be drawn; yes where it cannot be asked."""
+        """Return whether the environment declares that it can be drawn; True where it cannot be asked."""
         return True
 
 
@@ -99,22 +97,25 @@ def _stem(name):
 class Environment:
     """One environment, driven as a user would; what comes back is examined.
 
-    An adapter without spaces to examine says how it is driven: `begin`, `advance`, `draw`. `tell` takes a kind (`type`,
-    `space`), a code and data of something that does not stop a user's loop.
+    An adapter without spaces to examine defines `begin`, `advance` and `draw`. `report` takes a kind (`type`, `space`),
+    a code and data of something that does not stop a user's loop.
     """
+
+    raw = None
+    """The library's own object, where there is one; `close` closes it."""
 
     processes = ()
     shape = ()
     """Of rewards and flags: () of one environment, (n,) of a simulation of n worlds."""
 
-    seen_from = None
+    camera_matrices = None
     """The camera of the last picture, where the adapter places it: `view` and `lens`, matrices of 16 numbers."""
 
     get_state = None
     """Where the state can be had: a method that returns it, and `set_state` that takes it back."""
 
-    def __init__(self, tell):
-        self.tell = tell
+    def __init__(self, report):
+        self.report = report
 
     def begin(self, seed):
         """Start an episode, with this seed unless it is None, and return the observation."""
@@ -128,25 +129,25 @@ class Environment:
         """Return a picture: an array (height, width, 3) of uint8."""
         skip("skip.no_pictures")
 
-    def where_drawn(self, ask):
+    def call_where_drawn(self, function):
         """Call a function in the thread that draws, with the context current that drew last, and return its result."""
-        return ask()
+        return function()
 
     def reset(self, seed=None):
         """Start an episode and return the observation, which has to be finite."""
         with library:
             observation = self.begin(seed)
-        finite(observation, place("an observation", "reset()"))
+        check_finite(observation, place("an observation", "reset()"))
         return observation
 
     def step(self, action):
         """Make one step and return (observation, reward, terminated, truncated), all of them usable."""
         with library:
             observation, reward, terminated, truncated = self.advance(action)
-        finite(observation, place("an observation", "step()"))
-        scalar(reward, place("a reward", "step()"), self.shape)
-        flag("terminated", terminated, self.tell, self.shape)
-        flag("truncated", truncated, self.tell, self.shape)
+        check_finite(observation, place("an observation", "step()"))
+        check_number(reward, place("a reward", "step()"), self.shape)
+        check_flag("terminated", terminated, self.report, self.shape)
+        check_flag("truncated", truncated, self.report, self.shape)
         return observation, reward, terminated, truncated
 
     def render(self):
@@ -154,12 +155,15 @@ class Environment:
         with library:
             return self.draw()
 
-    def rewards(self):
+    def reward_size(self):
         """Return how many numbers a reward has: one, unless something is declared."""
         return 1
 
     def seed_actions(self, seed):
-        """Make `action` give the same actions again."""
+        """Seed the generator `random`, so that `action` gives the same actions again."""
+        import numpy as np
+
+        self.random = np.random.RandomState(seed)
 
     def action(self):
         """Return a valid action."""
@@ -170,4 +174,6 @@ class Environment:
         return {}
 
     def close(self):
-        """Let go of everything."""
+        """Close the library's own object."""
+        if self.raw is not None:
+            self.raw.close()

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from .cell_kept import join
+from .cell_originals import join
 
 GIVEN, OUTPUTS, BANK = "given.npz", "outputs.npz", "bank.npz"
 FACTS = "facts"

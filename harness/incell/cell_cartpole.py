@@ -1,11 +1,31 @@
-"""A cart on a rail with a pole on it, as OpenUSD, for Isaac Lab: its own robots are files on NVIDIA's servers."""
+"""Keep a cart on a rail with a pole on it, as OpenUSD, for Isaac Lab: its own robots are files on NVIDIA's servers."""
 
 import os
 
 REMOTE = "/Robots/Classic/Cartpole/cartpole.usd"
-"""How the address of the one that it stands for ends."""
+"""The end of the address of the file that this one replaces."""
 
-USD = """#usda 1.0
+BODY = """
+    def Xform "{name}" (
+        prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]
+    )
+    {{
+        float physics:mass = {mass}
+        float3 physics:diagonalInertia = (0.05, 0.05, 0.05)
+{place}
+        def Cube "shape"
+        {{
+            double size = 1
+            float3 xformOp:scale = {scale}
+            uniform token[] xformOpOrder = ["xformOp:scale"]
+        }}
+    }}
+"""
+RAISED = """        double3 xformOp:translate = (0, 0, 0.5)
+        uniform token[] xformOpOrder = ["xformOp:translate"]
+"""
+USD = (
+    """#usda 1.0
 (
     defaultPrim = "cartpole"
     metersPerUnit = 1
@@ -15,54 +35,11 @@ USD = """#usda 1.0
 def Xform "cartpole" (
     prepend apiSchemas = ["PhysicsArticulationRootAPI"]
 )
-{
-    def Xform "rail" (
-        prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]
-    )
-    {
-        float physics:mass = 1
-        float3 physics:diagonalInertia = (0.05, 0.05, 0.05)
-
-        def Cube "shape"
-        {
-            double size = 1
-            float3 xformOp:scale = (0.05, 8, 0.05)
-            uniform token[] xformOpOrder = ["xformOp:scale"]
-        }
-    }
-
-    def Xform "cart" (
-        prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]
-    )
-    {
-        float physics:mass = 1
-        float3 physics:diagonalInertia = (0.05, 0.05, 0.05)
-
-        def Cube "shape"
-        {
-            double size = 1
-            float3 xformOp:scale = (0.2, 0.25, 0.2)
-            uniform token[] xformOpOrder = ["xformOp:scale"]
-        }
-    }
-
-    def Xform "pole" (
-        prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"]
-    )
-    {
-        float physics:mass = 0.2
-        float3 physics:diagonalInertia = (0.05, 0.05, 0.05)
-        double3 xformOp:translate = (0, 0, 0.5)
-        uniform token[] xformOpOrder = ["xformOp:translate"]
-
-        def Cube "shape"
-        {
-            double size = 1
-            float3 xformOp:scale = (0.06, 0.06, 1)
-            uniform token[] xformOpOrder = ["xformOp:scale"]
-        }
-    }
-
+{"""
+    + BODY.format(name="rail", mass=1, place="", scale=(0.05, 8, 0.05))
+    + BODY.format(name="cart", mass=1, place="", scale=(0.2, 0.25, 0.2))
+    + BODY.format(name="pole", mass=0.2, place=RAISED, scale=(0.06, 0.06, 1))
+    + """
     def PhysicsFixedJoint "root_joint"
     {
         rel physics:body1 = </cartpole/rail>
@@ -96,11 +73,12 @@ def Xform "cartpole" (
     }
 }
 """
+)
 """Lengths in metres, masses in kilograms; the joints are named as Isaac Lab's tasks name them."""
 
 
-def stood_in(spawn, folder):
-    """Let what spawns NVIDIA's cart and pole spawn this one, from a file in a folder; others stay as they are."""
+def use_local_cartpole(spawn, folder):
+    """Replace NVIDIA's cart and pole in a spawner by this one, written into a folder; leave other robots unchanged."""
     if not str(getattr(spawn, "usd_path", "")).endswith(REMOTE):
         return
     path = os.path.join(folder, "cartpole.usda")

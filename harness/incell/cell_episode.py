@@ -1,14 +1,14 @@
-"""An environment from make to close, driven as a user would."""
+"""Drive an environment from make to close, as a user would."""
 
 from contextlib import contextmanager
 
-from .cell_errors import raised
-from .cell_observed import step
+from .cell_errors import observed_error
+from .cell_observation import current_step
 from .cell_trace import Trace
 
 
 @contextmanager
-def opened(probe, phase, make):
+def open_environment(probe, phase, make):
     """Make an environment and close it; an exception of close() is a finding, and none after a failure."""
     env = make()
     try:
@@ -21,40 +21,40 @@ def opened(probe, phase, make):
         probe.finding(phase + ".teardown", "teardown.close", raised=error)
 
 
-def single(probe, draw=False):
-    """Open the environment of the case; what it tells beside is of phase single, whoever runs it."""
+def open_single(probe, draw=False):
+    """Open the environment of the case; what it reports belongs to phase single, whichever phase opens it."""
     phase = "render" if draw else "single"
-    return opened(probe, phase, lambda: probe.api.make(probe.case, teller(probe, "single"), draw=draw))
+    return open_environment(probe, phase, lambda: probe.api.make(probe.case, reporter(probe, "single"), draw=draw))
 
 
 def _close(env):
     try:
         env.close()
     except BaseException as error:
-        return raised(error)
+        return observed_error(error)
     return None
 
 
-def teller(probe, phase):
-    """Return the function to which an examiner reports its lesser things."""
+def reporter(probe, phase):
+    """Return the function to which an environment reports lesser things, as findings of a phase."""
     return lambda kind, code, **data: probe.finding("{}.{}".format(phase, kind), code, **data)
 
 
-def counted(steps):
-    """Count the steps that are made for each of these, or so many of them, for what is observed meanwhile."""
-    for number, each in enumerate(range(steps) if isinstance(steps, int) else steps):
-        step.number = number + 1
-        yield each
-    step.number = None
+def count_steps(steps):
+    """Yield these items, or the numbers below `steps`, each as one step that observations name."""
+    for number, item in enumerate(range(steps) if isinstance(steps, int) else steps):
+        current_step.number = number + 1
+        yield item
+    current_step.number = None
 
 
 def rollout(probe, env, seed=None, steps=None):
-    """Seeded reset, then steps with sampled actions and resets at episode ends: a `Trace`."""
+    """Reset with a seed, then step with sampled actions, with resets at episode ends; return a `Trace`."""
     seed = probe.case["seed"] if seed is None else seed
     trace = Trace()
     env.seed_actions(seed)
     trace.add(env.reset(seed))
-    for _ in counted(probe.case["steps"] if steps is None else steps):
+    for _ in count_steps(probe.case["steps"] if steps is None else steps):
         values = env.step(env.action())
         trace.add(*values)
         if values[2] or values[3]:
@@ -62,16 +62,16 @@ def rollout(probe, env, seed=None, steps=None):
     return trace
 
 
-def episode(probe):
-    """Drive a new environment from make to close: a `Trace`."""
-    with single(probe) as env:
+def run_episode(probe):
+    """Drive a new environment from make to close and return its `Trace`."""
+    with open_single(probe) as env:
         return rollout(probe, env)
 
 
-def onward(env, actions):
-    """Go on with these actions, to the end of the episode at most: a `Trace`."""
+def continue_with(env, actions):
+    """Step with these actions, to the end of the episode at most, and return the `Trace`."""
     trace = Trace()
-    for action in counted(actions):
+    for action in count_steps(actions):
         values = env.step(action)
         trace.add(*values)
         if values[2] or values[3]:

@@ -2,24 +2,24 @@
 
 import traceback
 
-from .cell_lines import LONGEST_MESSAGE, LONGEST_TRACEBACK, bounded
-from .cell_observed import observation
+from .cell_observation import observation
+from .cell_records import LONGEST_MESSAGE, LONGEST_TRACEBACK, shorten
 
 
-class Ours(Exception):
-    """Raise an observation. A vector environment raises that of a worker within an exception of its type."""
+class ObservedError(Exception):
+    """An observation as an exception. A vector environment raises that of a worker within an exception of its type."""
 
     def __init__(self, observed):
         super().__init__(observed)
-        found = getattr(observed, "observed", observed)
-        self.observed = found if isinstance(found, dict) else observation("raised", {"raised": found})
+        fields = getattr(observed, "observed", observed)
+        self.observed = fields if isinstance(fields, dict) else observation("raised", {"raised": fields})
 
 
-class ContractViolation(Ours):
+class ContractViolation(ObservedError):
     """The library returned something a user's loop cannot use."""
 
 
-class Skip(Ours):
+class Skip(ObservedError):
     """The check has no meaning here."""
 
 
@@ -34,22 +34,22 @@ def skip(code, **data):
 
 
 class Library:
-    """Marks calls into the libraries under test: what is raised inside is theirs, whatever frame it comes from.
+    """Mark calls into the libraries under test: exceptions raised inside are theirs, whatever frame they come from.
 
-    The innermost frame alone does not tell: "reset() got an unexpected keyword argument 'seed'" is raised in ours.
+    The innermost frame alone does not decide: "reset() got an unexpected keyword argument 'seed'" is raised in ours.
     """
 
     def __init__(self):
-        self.raised = None
+        self.last_error = None
 
     def __enter__(self):
         """Begin a call."""
         return self
 
     def __exit__(self, _kind, error, _traceback):
-        """Remember what the call raised, and let it pass."""
+        """Remember the exception of the call, and let it pass."""
         if error is not None:
-            self.raised = error
+            self.last_error = error
         return False
 
 
@@ -58,12 +58,12 @@ library = Library()
 
 def blame(error):
     """Return `library`, or `harness` if our own code raised the exception."""
-    theirs = error is library.raised or isinstance(error, ContractViolation)
+    theirs = error is library.last_error or isinstance(error, ContractViolation)
     return "library" if theirs else "harness"
 
 
-def failure(error):
-    """Return the keys of a record for an exception: `raised` by a library or by us, or `observed` by us."""
+def error_fields(error):
+    """Return the fields of a record for an exception: `raised` by a library or by us, or `observed` by us."""
     if isinstance(error, ContractViolation):
         return {"raised": None, "observed": error.observed}
     return {"raised": describe(error), "observed": None}
@@ -73,8 +73,8 @@ def describe(error):
     """Return an exception as plain data, bounded."""
     return {
         "type": type_name(error),
-        "message": bounded(message(error), LONGEST_MESSAGE),
-        "traceback": bounded(_traceback(error), LONGEST_TRACEBACK),
+        "message": shorten(message(error), LONGEST_MESSAGE),
+        "traceback": shorten(_traceback(error), LONGEST_TRACEBACK),
         "blame": blame(error),
     }
 
@@ -88,7 +88,7 @@ def type_name(error):
 
 
 def message(error):
-    """Return an exception's text; some raise when asked for it."""
+    """Return an exception's text; some raise another one instead."""
     try:
         return str(error)
     except Exception:
@@ -100,7 +100,7 @@ def summary(error):
     return "{}: {}".format(type_name(error), " ".join(message(error).split()))
 
 
-def raised(error):
+def observed_error(error):
     """Return an exception as part of an observation: on one line, or what we observed."""
     return error.observed if isinstance(error, ContractViolation) else summary(error)
 

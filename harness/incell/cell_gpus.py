@@ -1,4 +1,4 @@
-"""The devices that CUDA and Vulkan see, each in its own order; this file, run by itself, asks one of the two.
+"""List the devices that CUDA and Vulkan see, each in its own order; this file, run by itself, asks one of the two.
 
 A driver is asked in a process of its own: one that was asked here would be started before the library under test.
 """
@@ -17,19 +17,19 @@ AFTER_NAME = 824 - 20 - NAME
 KINDS = ("other", "integrated", "discrete", "virtual", "software")
 
 
-def devices(way):
-    """Ask `cuda` or `vulkan`: a list of devices with `name`, `uuid` and, of Vulkan, `kind`; None where it cannot say.
+def list_devices(driver):
+    """Ask `cuda` or `vulkan` for its devices: `name`, `uuid` and, for Vulkan, `kind`; None where it cannot answer.
 
-    Without the driver's library there is no device of it.
+    Without the library of the driver there are no devices.
     """
     import json
     import subprocess
     import sys
 
-    command = [sys.executable, "-I", "-S", __file__, way]
+    command = [sys.executable, "-I", "-S", __file__, driver]
     try:
-        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, timeout=SECONDS, check=True)
-        return json.loads(done.stdout.decode("utf-8"))
+        output = subprocess.check_output(command, stderr=subprocess.DEVNULL, timeout=SECONDS)
+        return json.loads(output.decode("utf-8"))
     except (OSError, ValueError, subprocess.SubprocessError):
         return None
 
@@ -44,30 +44,30 @@ def cuda(ctypes):
         return []
     if began or driver.cuDeviceGetCount(ctypes.byref(count)):
         return None
-    found = []
+    devices = []
     for ordinal in range(count.value):
         if driver.cuDeviceGet(ctypes.byref(device), ordinal) or driver.cuDeviceGetName(name, NAME, device):
             return None
-        known = driver.cuDeviceGetUuid(uuid, device) == SUCCESS
-        found.append({"name": text(name.value), "uuid": uuid.raw.hex() if known else ""})
-    return found
+        has_uuid = driver.cuDeviceGetUuid(uuid, device) == SUCCESS
+        devices.append({"name": text(name.value), "uuid": uuid.raw.hex() if has_uuid else ""})
+    return devices
 
 
 def vulkan(ctypes):
     """Ask Vulkan's loader, through which all drivers answer. None where it answers with an error."""
     loader = ctypes.CDLL("libvulkan.so.1")
-    instance = created(ctypes, loader)
+    instance = create_instance(ctypes, loader)
     count = ctypes.c_uint32()
     if not instance or loader.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), None) != SUCCESS:
         return None
     handles = (ctypes.c_void_p * count.value)()
     if loader.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), handles) not in (SUCCESS, INCOMPLETE):
         return None
-    return [properties(ctypes, loader, handle) for handle in handles[: count.value]]
+    return [device_properties(ctypes, loader, handle) for handle in handles[: count.value]]
 
 
-def created(ctypes, loader):
-    """Make an instance of Vulkan 1.1, the first that tells the UUID of a device."""
+def create_instance(ctypes, loader):
+    """Make an instance of Vulkan 1.1, the first that gives the UUID of a device."""
 
     class Application(ctypes.Structure):
         _fields_ = (
@@ -95,12 +95,12 @@ def created(ctypes, loader):
     application = Application(api=VULKAN_1_1)
     creation = Creation(type=INSTANCE_CREATE, application=ctypes.pointer(application))
     instance = ctypes.c_void_p()
-    failed = loader.vkCreateInstance(ctypes.byref(creation), None, ctypes.byref(instance))
-    return None if failed else instance
+    error = loader.vkCreateInstance(ctypes.byref(creation), None, ctypes.byref(instance))
+    return None if error else instance
 
 
-def properties(ctypes, loader, handle):
-    """Return the properties of a physical device of Vulkan's."""
+def device_properties(ctypes, loader, handle):
+    """Return name, UUID and kind of a physical device of Vulkan."""
 
     class Identity(ctypes.Structure):
         _fields_ = (
@@ -127,11 +127,11 @@ def properties(ctypes, loader, handle):
         )
 
     identity = Identity(type=ID_PROPERTIES)
-    said = Properties(type=PROPERTIES_2, next=ctypes.cast(ctypes.pointer(identity), ctypes.c_void_p))
+    answer = Properties(type=PROPERTIES_2, next=ctypes.cast(ctypes.pointer(identity), ctypes.c_void_p))
     loader.vkGetPhysicalDeviceProperties2.restype = None
-    loader.vkGetPhysicalDeviceProperties2(ctypes.c_void_p(handle), ctypes.byref(said))
-    kind = KINDS[said.kind] if said.kind < len(KINDS) else KINDS[0]
-    return {"name": text(said.name), "uuid": bytes(identity.uuid).hex(), "kind": kind}
+    loader.vkGetPhysicalDeviceProperties2(ctypes.c_void_p(handle), ctypes.byref(answer))
+    kind = KINDS[answer.kind] if answer.kind < len(KINDS) else KINDS[0]
+    return {"name": text(answer.name), "uuid": bytes(identity.uuid).hex(), "kind": kind}
 
 
 def text(raw):
@@ -139,16 +139,16 @@ def text(raw):
     return raw.decode("utf-8", "replace")
 
 
-def main(way):
-    """Print what one of the two says, as JSON."""
+def main(driver):
+    """Print the devices of one of the two, as JSON."""
     import ctypes
     import json
 
     try:
-        found = {"cuda": cuda, "vulkan": vulkan}[way](ctypes)
+        devices = {"cuda": cuda, "vulkan": vulkan}[driver](ctypes)
     except OSError:  # no such library
-        found = []
-    print(json.dumps(found))
+        devices = []
+    print(json.dumps(devices))
 
 
 if __name__ == "__main__":

@@ -1,12 +1,11 @@
-"""Imports the libraries of a case, and looks for the package that registers its environment.
+"""Import the libraries of a case, and look for the package that registers its environment.
 
 Nothing is imported here that a library might have forgotten to import itself: see `bootstrap`.
 """
 
 from .cell_errors import library
-from .cell_kept import monotonic
-from .cell_search import functions, imported, registering
-from .cell_sources import ASIDE
+from .cell_module_search import ASIDE, import_or_call, registering_functions, registering_modules
+from .cell_originals import monotonic
 
 
 class Imports:
@@ -19,7 +18,7 @@ class Imports:
         self._imported = {}
 
     def import_modules(self):
-        """Import what the case names, then what its API needs: seconds by module. Done once.
+        """Import the modules of the case, then those of its API, once; return the seconds by module.
 
         An environment that is not registered by then is looked for in the packages that may bring it.
         """
@@ -31,37 +30,39 @@ class Imports:
         return dict(self._imported)
 
     def _search(self):
-        """Import the packages asked for, then their submodules that register environments, until one registers ours.
+        """Import the requested packages, then their submodules that register environments, until one registers ours.
 
-        What cannot be imported is the reason, where in the end the environment is not there.
+        The first error of an import is the reason, where in the end the environment is not there.
         """
         before = set(self.api.versions(self.case))
-        tops = [name for name in self.case["providers"] if name.lower() not in ASIDE]
-        raised = self._until_registered(tops, before)
-        raised += self._until_registered([one for top in tops for one in functions(top)], before)
-        raised += self._until_registered([one for top in tops for one in registering(top, self.case["env"])], before)
+        packages = [name for name in self.case["providers"] if name.lower() not in ASIDE]
+        errors = self._until_registered(packages, before)
+        functions = [name for package in packages for name in registering_functions(package)]
+        errors += self._until_registered(functions, before)
+        modules = [name for package in packages for name in registering_modules(package, self.case["env"])]
+        errors += self._until_registered(modules, before)
         self._until_registered([name for name in self.case["beside"] if name.lower() not in ASIDE], before)
-        if raised and not self.api.knows(self.case):
-            library.raised = raised[0]
-            raise raised[0]
+        if errors and not self.api.has_environment(self.case):
+            library.last_error = errors[0]
+            raise errors[0]
 
     def _until_registered(self, modules, before):
         """Import these modules until the environment, or a version of it that was not there before, is registered.
 
-        Returns what they raised.
+        Return the errors that they raised.
         """
-        raised = []
+        errors = []
         for module in modules:
-            if self.api.knows(self.case) or set(self.api.versions(self.case)) - before:
+            if self.api.has_environment(self.case) or set(self.api.versions(self.case)) - before:
                 break
             self.searched.append(module)
             try:
                 self.import_module(module)
             except Exception as error:
-                raised.append(error)
-        return raised
+                errors.append(error)
+        return errors
 
-    def ours(self):
+    def own_imports(self):
         """Return the modules that were imported only to look for the environment, or by name."""
         return [*self.case["imports"], *self.searched]
 
@@ -70,5 +71,5 @@ class Imports:
         if name not in self._imported:
             began = monotonic()
             with library:
-                imported(name)
+                import_or_call(name)
             self._imported[name] = round(monotonic() - began, 4)

@@ -1,12 +1,13 @@
-"""MuJoCo's own bindings, watched while an environment uses them, whichever library that is of."""
+"""Watch MuJoCo's own bindings while an environment uses them, whichever library the environment belongs to."""
 
 import copy
 import sys
+from collections import namedtuple
 from contextlib import contextmanager
 
 import numpy as np
 
-from .cell_episode import single
+from .cell_episode import open_single
 from .cell_errors import skip
 
 STEPPING = ("mj_step", "mj_step1", "mj_step2")
@@ -21,24 +22,24 @@ def bindings():
 
 
 @contextmanager
-def watched(names, note):
+def watch_calls(names, note):
     """Call `note` with the arguments of each call of these functions of the bindings, after the call."""
     functions = [getattr(bindings(), name, None) for name in names]
-    kept = []
+    originals = []
     try:
         for name, function in zip(names, functions):
-            watching = _watching(function, note)
+            watching = _calling(function, note)
             for module in list(sys.modules.values()) if function else ():
                 if getattr(module, "__dict__", {}).get(name) is function:
-                    kept.append((module, name, function))
+                    originals.append((module, name, function))
                     setattr(module, name, watching)
         yield
     finally:
-        for module, name, function in kept:
+        for module, name, function in originals:
             setattr(module, name, function)
 
 
-def _watching(function, note):
+def _calling(function, note):
     def watching(*values, **named):
         result = function(*values, **named)
         note(*values, **named)
@@ -47,7 +48,7 @@ def _watching(function, note):
     return watching
 
 
-def memory(view):
+def read_memory(view):
     """Return the values of an array of the bindings as they lie in memory, side by side.
 
     The bindings before 3.1.4 give arrays whose strides are wrong beside numpy 2.
@@ -58,15 +59,15 @@ def memory(view):
     return np.frombuffer(raw, view.dtype).reshape(view.shape)
 
 
-def vectors(kind):
+def array_properties(kind):
     """Return the names of the array-valued properties of a class of the bindings that has no arguments."""
     example = kind()
     names = [name for name in dir(kind) if isinstance(getattr(kind, name), property)]
     return [name for name in names if isinstance(getattr(example, name), np.ndarray)]
 
 
-def written(kind, name):
-    """Tell whether the items of such a property, read back one by one, are the ones that were written."""
+def keeps_items(kind, name):
+    """Return whether the items of such a property, read back one by one, are the ones that were written."""
     view = getattr(kind(), name)
     values = np.arange(1, view.size + 1).astype(view.dtype)
     view[...] = values.reshape(view.shape)
@@ -74,23 +75,23 @@ def written(kind, name):
 
 
 @contextmanager
-def mended(kinds):
+def patch_arrays(kinds):
     """Let the array-valued properties of these classes be arrays whose items are written where they belong."""
-    kept = [(kind, name, getattr(kind, name)) for kind in kinds for name in vectors(kind)]
+    originals = [(kind, name, getattr(kind, name)) for kind in kinds for name in array_properties(kind)]
     try:
-        for kind, name, found in kept:
-            setattr(kind, name, property(_mended(found), found.fset))
+        for kind, name, original in originals:
+            setattr(kind, name, property(_getter(original), original.fset))
         yield
     finally:
-        for kind, name, found in kept:
-            setattr(kind, name, found)
+        for kind, name, original in originals:
+            setattr(kind, name, original)
 
 
-def _mended(found):
+def _getter(original):
     def get(owner):
         import ctypes
 
-        view = found.fget(owner)
+        view = original.fget(owner)
         size = view.size * view.dtype.itemsize
         place = (ctypes.c_char * size).from_address(_address(view))
         place.owner = owner  # the memory is the owner's
@@ -103,18 +104,12 @@ def _address(view):
     return view.__array_interface__["data"][0]
 
 
-class Simulation:
+class Simulation(namedtuple("Simulation", ("model", "initial_qpos", "starts", "settles"))):
     """A copy of the model that an environment simulates, and of its start pose.
 
-    `held` is its own `initial_qpos` after the resets, `starts` the joints' positions after each of them; both are None
-    where the environment documents no such thing. `settles` is whether its resets step the simulation.
+    `initial_qpos` is the environment's own after the resets, `starts` the joints' positions (qpos) after each of them;
+    both are None where the environment documents no such thing. `settles` is whether its resets step the simulation.
     """
-
-    def __init__(self, model, held=None, starts=None, settles=False):
-        self.model = model
-        self.held = held
-        self.starts = starts
-        self.settles = settles
 
 
 RESETS = 3
@@ -129,7 +124,7 @@ def simulation(probe):
 
 def _simulation(probe):
     calls = []
-    with watched(STEPPING, lambda *values, **named: calls.append((values, named))), single(probe) as env:
+    with watch_calls(STEPPING, lambda *values, **named: calls.append((values, named))), open_single(probe) as env:
         env.seed_actions(probe.case["seed"])
         env.reset(probe.case["seed"])
         env.step(env.action())
@@ -137,18 +132,18 @@ def _simulation(probe):
             skip("mujoco.no_steps")
         values, named = calls[-1]
         model = copy.copy(values[0] if values else named["m"])
-        raw = getattr(env.raw, "unwrapped", env.raw) if hasattr(env, "raw") else None
-        if not documents(type(raw), "initial_qpos"):
-            return Simulation(model)
+        raw = getattr(env.raw, "unwrapped", env.raw)
+        if not documents_argument(type(raw), "initial_qpos"):
+            return Simulation(model, None, None, settles=False)
         calls.clear()
         starts = []
         for number in range(RESETS):
             env.reset(probe.case["seed"] + number)
             starts.append(np.array(raw.data.qpos))
-        return Simulation(model, np.array(raw.initial_qpos), starts, bool(calls))
+        return Simulation(model, np.array(raw.initial_qpos), starts, settles=bool(calls))
 
 
-def documents(kind, argument):
-    """Tell whether the documentation of a class, or of one that it is made of, explains this argument."""
+def documents_argument(kind, argument):
+    """Return whether the documentation of a class, or of one that it is made of, explains this argument."""
     texts = [text for part in kind.__mro__ for text in (part.__doc__, getattr(part.__init__, "__doc__", None)) if text]
     return any(argument + " (" in text or argument + ":" in text for text in texts)

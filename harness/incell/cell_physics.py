@@ -16,7 +16,7 @@ EXACT_ITERATIONS = 100
 
 def physics_of(env):
     """Return the physics of an opened environment. Skips where no state can be set."""
-    raw = getattr(env.raw, "unwrapped", env.raw) if hasattr(env, "raw") else None
+    raw = getattr(env.raw, "unwrapped", env.raw)
     model, data = getattr(raw, "model", None), getattr(raw, "data", None)
     mujoco = sys.modules.get("mujoco")
     if hasattr(mujoco, "MjModel") and isinstance(model, mujoco.MjModel):

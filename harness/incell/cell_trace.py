@@ -16,7 +16,7 @@ PARTS = ("observation", "reward", "terminated", "truncated")
 
 
 class Trace:
-    """One entry per reset (observation) and per step (observation, reward, terminated, truncated).
+    """Keep one entry per reset (observation) and per step (observation, reward, terminated, truncated).
 
     Digests are kept of all entries, values only of the first 64 MiB.
     """
@@ -52,31 +52,31 @@ class Trace:
         """
         entries, sizes, room = [], [0] * len(PARTS), MOST
         for parts in self._values:
-            found = [_numbers(leaves) for leaves in parts or ()]
-            room -= sum(len(part or ()) for part in found)
-            if not found or room < 0:
+            entry = [_numbers(leaves) for leaves in parts or ()]
+            room -= sum(len(numbers or ()) for numbers in entry)
+            if not entry or room < 0:
                 break
-            entries.append(found)
+            entries.append(entry)
             sizes = [max(pair) for pair in zip(sizes, [sum(leaf.size for leaf in part) for part in parts] + [0] * 3)]
         return {"steps": len(self.digests), "sizes": sizes, "entries": entries}
 
     def difference(self, other):
-        """Return the step where the two part, what differs there and by how much; None where they agree."""
+        """Return the first step that differs, what differs there and by how much; None where both agree."""
         if self.digests == other.digests:
             return None
         pairs = enumerate(zip(self.digests, other.digests))
-        entry = next((n for n, (one, two) in pairs if one != two), min(len(self.digests), len(other.digests)))
-        return dict(self._how(other, entry), step=entry)
+        entry = next((n for n, (left, right) in pairs if left != right), min(len(self.digests), len(other.digests)))
+        return dict(self._describe(other, entry), step=entry)
 
-    def _how(self, other, entry):
+    def _describe(self, other, entry):
         both = list(zip(self._values, other._values))
         if entry >= len(both) or None in both[entry]:
             return {}
-        gaps = [(name, _gap(one, two)) for name, one, two in zip(PARTS, *both[entry])]
+        gaps = [(name, _largest_gap(left, right)) for name, left, right in zip(PARTS, *both[entry])]
         name, gap = next(((name, gap) for name, gap in gaps if gap != 0), ("episode end", None))
         if gap is None:
             return {"part": name}
-        most = [_gap(one[0], two[0]) for one, two in both if one is not None and two is not None]
+        most = [_largest_gap(left[0], right[0]) for left, right in both if left is not None and right is not None]
         most = max([gap] + [g for g in most if g is not None]) if name == PARTS[0] else gap
         return {"part": name, "gap": gap, "most": most}
 
@@ -85,24 +85,24 @@ def _numbers(leaves):
     """Return the first numbers of some arrays, of which None stands for one that is not finite."""
     if any(leaf.dtype.kind not in "biuf" for leaf in leaves):
         return None
-    found = [value for leaf in leaves for value in leaf.ravel()[:WIDEST]][:WIDEST]
-    return [_number(value) for value in found]
+    values = [value for leaf in leaves for value in leaf.ravel()[:WIDEST]]
+    return [_number(value) for value in values[:WIDEST]]
 
 
 def _number(value):
-    """Return one number, of float32 the shortest that stands for it."""
+    """Return one number, for a float32 the shortest decimal that stands for it."""
     if value.dtype.kind != "f":
         return int(value)
     number = float(str(value)) if value.dtype.itemsize < np.dtype(float).itemsize else float(value)
     return number if np.isfinite(number) else None
 
 
-def _gap(one, two):
+def _largest_gap(leaves, others):
     """Return the largest difference between two lists of arrays; None where they cannot be subtracted."""
-    if [leaf.shape for leaf in one] != [leaf.shape for leaf in two]:
+    if [leaf.shape for leaf in leaves] != [leaf.shape for leaf in others]:
         return None
     gaps = [0.0]
-    for left, right in zip(one, two):
+    for left, right in zip(leaves, others):
         if left.dtype.kind not in "biufc" or right.dtype.kind not in "biufc":
             if _bytes(left) != _bytes(right):
                 return None

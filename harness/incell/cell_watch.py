@@ -7,15 +7,15 @@ import signal
 import sys
 import warnings
 
-from .cell_errors import raised
-from .cell_kept import ITIMER_REAL, open_file, setitimer
+from .cell_errors import observed_error
+from .cell_originals import ITIMER_REAL, open_file, setitimer
 
 COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 DEPRECATIONS = (DeprecationWarning, PendingDeprecationWarning, FutureWarning)
 
 
 class Stacks:
-    """Stacks of all threads into a file: on a fatal signal, and when most of a limit is spent.
+    """Write the stacks of all threads into a file: on a fatal signal, and when most of a limit is spent.
 
     The limit is watched by an interval timer, whose signal is handled in C. faulthandler's own timer is a thread: a
     forked child that ends normally would wait for that thread for ever, and Python 3.12 warns of every fork beside it.
@@ -36,7 +36,7 @@ class Stacks:
 
 
 class Watch:
-    """Collects texts of warnings and of exceptions that Python ignores (in `__del__`, at exit)."""
+    """Collect texts of warnings and of exceptions that Python ignores (in `__del__`, at exit)."""
 
     def __init__(self):
         self._deprecations = []
@@ -44,36 +44,36 @@ class Watch:
         self._ignored = []
         for category in DEPRECATIONS:
             warnings.simplefilter("default", category)
-        self._shown = warnings.showwarning
-        warnings.showwarning = self._warned
+        self._show_warning = warnings.showwarning
+        warnings.showwarning = self._note_warning
         if hasattr(sys, "unraisablehook"):  # since Python 3.8
-            sys.unraisablehook = self._unraisable
+            sys.unraisablehook = self._note_ignored
 
-    def _warned(self, message, category, *place, **named):
+    def _note_warning(self, message, category, *place, **named):
         text = COLOURS.sub("", str(message)).strip()
         text = text[len("WARN: ") :] if text.startswith("WARN: ") else text
         if issubclass(category, DEPRECATIONS):
             self._deprecations.append(re.sub(r"\(pid=\d+\)", "(pid)", text))
         else:
             self._warnings.append(text)
-        self._shown(message, category, *place, **named)
+        self._show_warning(message, category, *place, **named)
 
-    def _unraisable(self, unraisable):
+    def _note_ignored(self, unraisable):
         where = getattr(unraisable.object, "__qualname__", type(unraisable.object).__qualname__)
-        self._ignored.append((where, raised(unraisable.exc_value)))
+        self._ignored.append((where, observed_error(unraisable.exc_value)))
         sys.__unraisablehook__(unraisable)
 
     def take_warnings(self):
         """Return the warnings since the last call, deprecations apart."""
-        seen, self._warnings = self._warnings, []
-        return seen
+        taken, self._warnings = self._warnings, []
+        return taken
 
     def take_deprecations(self):
         """Return the warnings of deprecation since the last call."""
-        seen, self._deprecations = self._deprecations, []
-        return seen
+        taken, self._deprecations = self._deprecations, []
+        return taken
 
     def take_ignored(self):
-        """Return the ignored exceptions since the last call, each with the name of what was being deleted or called."""
-        seen, self._ignored = self._ignored, []
-        return seen
+        """Return the ignored exceptions since the last call, each with the name of the deleted or called object."""
+        taken, self._ignored = self._ignored, []
+        return taken

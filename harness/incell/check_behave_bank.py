@@ -4,7 +4,7 @@ import numpy as np
 
 from .cell_arrays import BANK, save
 from .cell_bank import Maker
-from .cell_episode import single
+from .cell_episode import open_single
 from .cell_physics import physics_of
 from .cell_steps import Stepper, noise, scales, starts
 
@@ -15,7 +15,7 @@ def run(probe, _facts):
     Parts `state.*`, `warm`, `action`, `kind`: the states; `out.*`: what each leads to; `scale.*`: the typical size of
     each number of that; `noise.*`: the largest difference that a twin of a state makes.
     """
-    with single(probe) as env:
+    with open_single(probe) as env:
         env.reset(probe.case["seed"])
         physics = physics_of(env)
         bank = Maker(env, physics, probe.case["seed"]).make()

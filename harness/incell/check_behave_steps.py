@@ -1,7 +1,7 @@
 """Steps an environment from each state of the bank that the host gave."""
 
 from .cell_arrays import OUTPUTS, load, save
-from .cell_episode import single
+from .cell_episode import open_single
 from .cell_physics import physics_of
 from .cell_steps import Stepper, starts
 
@@ -9,7 +9,7 @@ from .cell_steps import Stepper, starts
 def run(probe, _facts):
     """Write what each state leads to. Where the bank does not fit, write the sizes of the state instead."""
     bank = load(probe)
-    with single(probe) as env:
+    with open_single(probe) as env:
         env.reset(probe.case["seed"])
         physics = physics_of(env)
         stepper = Stepper(env, physics)

@@ -1,21 +1,18 @@
-"""Imports the modules that a user's script imports first."""
+"""Import the modules that a user's script imports first."""
 
-import sys
-
-from .cell_search import registering
-from .cell_sources import ASIDE
+from .cell_module_search import ASIDE, registered, registering_modules
 
 MOST_IDS = 30
 
 
 def run(probe, facts):
-    """Import what the case names, then what its API needs, and tell of an environment that nothing registers."""
+    """Import the modules of the case, then those of its API; note an environment that nothing registers."""
     facts["seconds"] = probe.import_modules()
     if probe.api is None:
         if probe.case["packages"]:
             facts["registers"] = _registered(probe)
-    elif not probe.api.knows(probe.case):
-        nearest = probe.api.nearest(probe.case)
+    elif not probe.api.has_environment(probe.case):
+        nearest = probe.api.similar_names(probe.case)
         if nearest is not None:
             facts["unregistered"] = {"nearest": nearest, "searched": list(probe.searched)}
     elif probe.searched:
@@ -27,25 +24,19 @@ def _registered(probe):
 
     The libraries are gymnasium and gym.
     """
-    tops = [name for name in probe.case["imports"] if name.lower() not in ASIDE]
-    found = _ids(tops)
-    for module in [] if found else [one for top in tops for one in registering(top, None)]:
+    packages = [name for name in probe.case["imports"] if name.lower() not in ASIDE]
+    environments = _ids(packages)
+    for module in [] if environments else [name for package in packages for name in registering_modules(package, None)]:
         try:
             probe.import_module(module)
         except Exception:  # a submodule that needs more than was asked for registers nothing here
             continue
-    return found or _ids(tops)
+    return environments or _ids(packages)
 
 
-def _ids(tops):
+def _ids(packages):
     """Return the ids, by library, whose entry point lies in one of these packages."""
-    found = {}
-    for library in ("gymnasium", "gym"):
-        registry = getattr(sys.modules.get(library + ".envs.registration"), "registry", {})
-        registry = getattr(registry, "env_specs", registry)
-        for name, spec in list(registry.items()):
-            entry = getattr(spec, "entry_point", None)
-            module = entry if isinstance(entry, str) else getattr(entry, "__module__", None)
-            if (module or "").partition(":")[0].partition(".")[0] in tops:
-                found.setdefault(library, []).append(str(name))
-    return {library: sorted(names)[:MOST_IDS] for library, names in found.items()}
+    environments = {}
+    for library, name, _ in registered(packages):
+        environments.setdefault(library, []).append(name)
+    return {library: sorted(names)[:MOST_IDS] for library, names in environments.items()}

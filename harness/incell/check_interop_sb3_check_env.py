@@ -1,20 +1,19 @@
-"""Runs the checker of Stable-Baselines3."""
+"""Run the checker of Stable-Baselines3."""
 
 import importlib
 import warnings
 
 from .cell_errors import library
-from .cell_interop import close, made, present
-from .cell_sb3 import SB3, releases
+from .cell_interop import close, import_sb3, make_environment
 
 
 def run(probe, facts):
     """Run Stable-Baselines3's own checker; its warnings are findings."""
-    facts["version"] = releases(present(SB3, "stable-baselines3"))
+    import_sb3(facts)
     probe.watch.take_warnings()
     with library:
-        checker = importlib.import_module(SB3 + ".common.env_checker")
-        env = made(probe)
+        checker = importlib.import_module("stable_baselines3.common.env_checker")
+        env = make_environment(probe)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         with library:

@@ -1,10 +1,9 @@
-"""Lets Stable-Baselines3 learn."""
+"""Let Stable-Baselines3 learn."""
 
 import importlib
 
 from .cell_errors import library
-from .cell_interop import close, made, present
-from .cell_sb3 import SB3, releases
+from .cell_interop import close, import_sb3, make_environment
 
 STEPS = 64
 """How long a learner learns: two rounds of steps, with an update after each."""
@@ -12,11 +11,10 @@ STEPS = 64
 
 def run(probe, facts):
     """Let PPO learn for two rounds on the CPU, and act once."""
-    sb3 = present(SB3, "stable-baselines3")
-    facts["version"] = releases(sb3)
+    sb3 = import_sb3(facts)
     with library:
-        vectors = importlib.import_module(SB3 + ".common.vec_env")
-        env = vectors.DummyVecEnv([lambda: made(probe)])
+        vectors = importlib.import_module("stable_baselines3.common.vec_env")
+        env = vectors.DummyVecEnv([lambda: make_environment(probe)])
     try:
         with library:
             rounds = {"n_steps": STEPS // 2, "batch_size": STEPS // 2, "n_epochs": 1}

@@ -1,5 +1,5 @@
-"""Wraps an environment by GymWrapper as it is."""
+"""Wrap an environment by GymWrapper as it is, which converts actions to numpy."""
 
-from .cell_torchrl import gym as run
+from .cell_torchrl import gym_check
 
-__all__ = ["run"]
+run = gym_check()

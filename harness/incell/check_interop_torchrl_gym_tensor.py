@@ -1,5 +1,5 @@
-"""Wraps an environment by GymWrapper that passes actions on as they are."""
+"""Wrap an environment by GymWrapper that passes actions on as they are."""
 
-from .cell_torchrl import gym_tensor as run
+from .cell_torchrl import gym_check
 
-__all__ = ["run"]
+run = gym_check(convert_actions_to_numpy=False)

@@ -1,5 +1,5 @@
-"""Wraps an environment by IsaacLabWrapper."""
+"""Wrap an environment by IsaacLabWrapper."""
 
-from .cell_torchrl import isaaclab as run
+from .cell_torchrl import isaaclab_check
 
-__all__ = ["run"]
+run = isaaclab_check()

@@ -1,5 +1,5 @@
-"""Wraps an environment by IsaacLabWrapper that leaves it to begin episodes."""
+"""Wrap an environment by IsaacLabWrapper that leaves it to begin episodes."""
 
-from .cell_torchrl import isaaclab_native as run
+from .cell_torchrl import isaaclab_check
 
-__all__ = ["run"]
+run = isaaclab_check(native_autoreset=True)

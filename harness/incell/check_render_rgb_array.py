@@ -1,17 +1,24 @@
-"""Draws pictures as arrays."""
+"""Draw pictures as arrays."""
 
 import os
 
 import numpy as np
 
-from .cell_context import current
-from .cell_episode import single
+from .cell_camera_pose import watch_camera
+from .cell_episode import open_single
 from .cell_errors import Skip, skip, violate
-from .cell_frames import described
-from .cell_observed import remark
-from .cell_pictures import advance, composed, followed, marred, same, values
-from .cell_pose import seen
-from .cell_used import Called, exercised, loaded
+from .cell_observation import remark
+from .cell_opengl_context import current_context
+from .cell_pictures import (
+    check_colour_order,
+    check_forbidden_colour,
+    compare_with_steps,
+    is_same,
+    make_steps,
+    observation_values,
+    picture_facts,
+)
+from .cell_used_packages import CallWatch, loaded_modules, used_distributions
 
 STEPS = 10
 LARGEST = 64 << 20
@@ -19,7 +26,7 @@ SHAPE, WITH_ALPHA = ("height", "width", "colour"), 4
 
 
 def run(probe, facts):
-    """Render after the reset and after some steps; both frames are kept."""
+    """Draw after the reset and after some steps; both frames are written."""
     try:
         _render(probe, facts)
     except Skip:
@@ -29,70 +36,70 @@ def run(probe, facts):
             raise
         skip("render.undeclared")
     finally:
-        facts["loaded"] = loaded()
+        facts["loaded"] = loaded_modules()
 
 
 def _render(probe, facts):
     seed, steps = probe.case["seed"], probe.case["steps"]
-    with single(probe, draw=True) as env:
+    with open_single(probe, draw=True) as env:
         env.seed_actions(seed)
-        start = values(env.reset(seed))
-        with seen(env) as pose:
-            drawn = _drawn(env)
-        _tell(probe, _alpha(drawn))
-        first = _opaque(drawn)
-        facts["gl"] = _context(env)
+        start = observation_values(env.reset(seed))
+        with watch_camera(env) as pose:
+            picture = _draw(env)
+        _report(probe, _alpha_remark(picture))
+        first = _without_alpha(picture)
+        facts["gl"] = _renderer(env)
         _examine(probe, facts, first, "first", pose)
-        since = advance(env, min(STEPS, steps))
-        with seen(env) as pose, Called() as called:
-            last = _picture(env)
-        facts["exercised"] = exercised(called, probe.ours())
+        since = make_steps(env, min(STEPS, steps))
+        with watch_camera(env) as pose, CallWatch() as calls:
+            last = _draw_picture(env)
+        facts["exercised"] = used_distributions(calls, probe.own_imports())
         _examine(probe, facts, last, "last", pose)
-        _tell(probe, _blank(first, last))
-        if steps >= STEPS and (same(first, last) or not since[1]):
-            _tell(probe, followed(env, _picture, (first, last), start, since, steps - STEPS))
-        wanted = probe.case["picture"] or probe.api.picture(probe.case)
+        _report(probe, _blank_remark(first, last))
+        if steps >= STEPS and (is_same(first, last) or not since[1]):
+            _report(probe, compare_with_steps(env, _draw_picture, (first, last), start, since, steps - STEPS))
+        wanted = probe.case["picture"] or probe.api.picture_colours(probe.case)
         if wanted:
-            _tell(probe, composed(first, wanted["above"], wanted["below"]))
-            _tell(probe, marred(first, wanted.get("never")))
+            _report(probe, check_colour_order(first, wanted["above"], wanted["below"]))
+            _report(probe, check_forbidden_colour(first, wanted.get("never")))
 
 
-def _picture(env):
+def _draw_picture(env):
     """Draw a picture that no later one overwrites, without its alpha channel."""
-    return _opaque(_drawn(env))
+    return _without_alpha(_draw(env))
 
 
-def _drawn(env):
-    """Draw, as the environment does it: any array."""
+def _draw(env):
+    """Draw as the environment does, and return any array."""
     picture = env.render()
     if not isinstance(picture, np.ndarray):
         violate("render.not_array", got=type(picture).__name__)
     return picture
 
 
-def _alpha(drawn):
-    """Tell of a picture that has an alpha channel."""
-    if drawn.ndim == len(SHAPE) and drawn.shape[2] == WITH_ALPHA:
+def _alpha_remark(picture):
+    """Return a remark on a picture that has an alpha channel, or None."""
+    if picture.ndim == len(SHAPE) and picture.shape[2] == WITH_ALPHA:
         return remark("alpha", "render.alpha")
     return None
 
 
-def _opaque(drawn):
+def _without_alpha(picture):
     """Copy a picture without its alpha channel, if it has one."""
-    return (drawn[:, :, :3] if _alpha(drawn) else drawn).copy()
+    return (picture[:, :, :3] if _alpha_remark(picture) else picture).copy()
 
 
-def _context(env):
+def _renderer(env):
     """Describe the renderer in use; empty if it cannot be asked, which is no fault of the picture's."""
     try:
-        return env.where_drawn(current)
+        return env.call_where_drawn(current_context)
     except Exception:
         return {}
 
 
-def _tell(probe, found):
-    if found:
-        kind, code, data = found
+def _report(probe, remarked):
+    if remarked:
+        kind, code, data = remarked
         probe.finding("render." + kind, code, **data)
 
 
@@ -107,18 +114,18 @@ def _examine(probe, facts, frame, which, pose):
         name = "render.rgb_array-{}.npy".format(which)
         np.save(os.path.join(probe.folder, name), frame, allow_pickle=False)
         probe.frame("render.rgb_array", which, name)
-        facts.setdefault("pictures", {})[which] = dict(described(frame), camera=pose.facts)
+        facts.setdefault("pictures", {})[which] = dict(picture_facts(frame), camera=pose.facts)
 
 
-def _blank(first, last):
-    """Tell of a first picture that shows nothing yet; where no later one does either, nothing can be seen."""
-    if not _plain(first):
+def _blank_remark(first, last):
+    """Return a remark on a first picture that shows nothing yet; it is a violation if no later one does either."""
+    if not _is_plain(first):
         return None
     colour = [int(v) for v in first[0, 0]]
-    if _plain(last):
+    if _is_plain(last):
         violate("render.blank", got=colour)
     return remark("blank", "render.blank_at_first", got=colour)
 
 
-def _plain(frame):
+def _is_plain(frame):
     return bool((frame == frame[0, 0]).all())

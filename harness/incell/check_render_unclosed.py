@@ -1,4 +1,4 @@
-"""Draws with an environment that is left open."""
+"""Draw with an environment that is left open."""
 
 
 def run(probe, _facts):

@@ -1,21 +1,21 @@
-"""Sees whether what was promised as an array was one."""
+"""Check that each promised array was one."""
 
 import sys
 
 from .cell_errors import skip
 
 OTHERS = ("value.not_array", "pybullet.no_numpy")
-"""The codes of something else that came where an array was promised."""
+"""The codes of findings of something else in place of a promised array."""
 
 
 def run(probe, _facts):
-    """See whether what was promised as an array was one."""
+    """Skip where anything else came instead of a promised array, as earlier findings show."""
     bullet = sys.modules.get("pybullet")
     if not getattr(bullet, "isNumpyEnabled", lambda: 1)():
         skip("unmeasured.pybullet")
-    found = [each for each in probe.findings("single.type") if each["code"] in OTHERS]
-    if found:
-        skip("unmeasured.arrays", found=min(found, key=_place))
+    others = [finding for finding in probe.findings("single.type") if finding["code"] in OTHERS]
+    if others:
+        skip("unmeasured.arrays", found=min(others, key=_place))
 
 
 def _place(observed):

@@ -1,4 +1,4 @@
-"""Runs the checker that the library itself brings."""
+"""Run the checker that the library itself brings."""
 
 import warnings
 

@@ -1,6 +1,6 @@
-"""Compares trajectories of one environment that is reset with the same seed, and with another."""
+"""Compare trajectories of one environment that is reset with the same seed, and with another."""
 
-from .cell_episode import rollout, single
+from .cell_episode import open_single, rollout
 
 STEPS_WITH_ANOTHER_SEED = 10
 FURTHER_EPISODES, STEPS_OF_A_FURTHER_ONE = 5, 3
@@ -8,7 +8,7 @@ FURTHER_EPISODES, STEPS_OF_A_FURTHER_ONE = 5, 3
 
 def run(probe, _facts):
     """Reset the same environment with the same seed again, and again; then with another seed."""
-    with single(probe) as env:
+    with open_single(probe) as env:
         first, second, third = [rollout(probe, env) for _ in range(3)]
         between = second.difference(third)
         if first.difference(second) and not between:

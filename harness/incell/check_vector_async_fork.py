@@ -1,5 +1,5 @@
-"""Drives environments in forked workers."""
+"""Drive environments in forked workers."""
 
-from .cell_batch import in_workers
+from .cell_batch import worker_check
 
-run = in_workers("vector.async.fork", "fork")
+run = worker_check("vector.async.fork", "fork")

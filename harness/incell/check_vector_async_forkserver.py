@@ -1,5 +1,5 @@
-"""Drives environments in workers that a server forks."""
+"""Drive environments in workers that a server forks."""
 
-from .cell_batch import in_workers
+from .cell_batch import worker_check
 
-run = in_workers("vector.async.forkserver", "forkserver")
+run = worker_check("vector.async.forkserver", "forkserver")

@@ -1,5 +1,5 @@
-"""Drives more environments than this process may use cores, in forked workers."""
+"""Drive more environments than this process may use cores, in forked workers."""
 
-from .cell_batch import in_workers
+from .cell_batch import worker_check
 
-run = in_workers("vector.async.many", "fork")
+run = worker_check("vector.async.many", "fork")

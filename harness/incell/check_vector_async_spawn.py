@@ -1,5 +1,5 @@
-"""Drives environments in workers that are started anew."""
+"""Drive environments in workers that are started anew."""
 
-from .cell_batch import in_workers
+from .cell_batch import worker_check
 
-run = in_workers("vector.async.spawn", "spawn")
+run = worker_check("vector.async.spawn", "spawn")

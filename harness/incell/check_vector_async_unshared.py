@@ -1,5 +1,5 @@
-"""Drives environments in forked workers that share no memory."""
+"""Drive environments in forked workers that share no memory."""
 
-from .cell_batch import in_workers
+from .cell_batch import worker_check
 
-run = in_workers("vector.async.unshared", "fork", shared_memory=False)
+run = worker_check("vector.async.unshared", "fork", shared_memory=False)

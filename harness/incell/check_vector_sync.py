@@ -1,6 +1,6 @@
-"""Drives all environments in this process."""
+"""Drive all environments in this process."""
 
-from .cell_batch import opened_batch, roll_out, skip_several_rewards
+from .cell_batch import compare_rollout, open_batch, skip_several_rewards
 from .cell_workers import Maker
 
 
@@ -9,5 +9,5 @@ def run(probe, facts):
     skip_several_rewards(probe)
     facts["environments"] = probe.num_envs
     makers = [Maker(probe, "vector.sync")] * probe.num_envs
-    with opened_batch(probe, makers, None) as env:
-        roll_out(probe, env, "vector.sync", facts)
+    with open_batch(probe, makers, None) as env:
+        compare_rollout(probe, env, "vector.sync", facts)

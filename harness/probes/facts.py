@@ -41,7 +41,7 @@ class Camera(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
 
 
 class Picture(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """A frame at its full size; `sha256` is of its pixels, for the rest see `incell/cell_frames.py`."""
+    """A frame at its full size; `sha256` is of its pixels, for the rest see `incell/cell_pictures.py`."""
 
     shape: tuple[Size, Size, Size]
     sha256: Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]

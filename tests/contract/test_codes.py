@@ -12,7 +12,7 @@ import pytest
 from harness.model import words
 from harness.model.vocabulary import INCELL
 
-PLACES = {"violate": 0, "skip": 0, "contradiction": 0, "observation": 0, "remark": 1, "finding": 1, "tell": 1}
+PLACES = {"violate": 0, "skip": 0, "contradiction": 0, "observation": 0, "remark": 1, "finding": 1, "report": 1}
 """Functions that are given a code, and the number of the argument that it is."""
 
 APART = {"level", "at"}
@@ -20,12 +20,12 @@ APART = {"level", "at"}
 
 HANDING_ON = {
     "cell_errors.py": {"violate", "skip"},
-    "cell_misleading.py": {"contradiction"},
+    "cell_specification.py": {"contradiction"},
     "cell_run.py": {"finding"},
-    "cell_episode.py": {"teller"},
+    "cell_episode.py": {"reporter"},
     "cell_values.py": {"observation"},
     "api_dm_control.py": {"_examine"},
-    "check_render_rgb_array.py": {"_tell"},
+    "check_render_rgb_array.py": {"_report"},
 }
 """Functions that hand on a code which they were given."""
 
@@ -67,7 +67,7 @@ def _site(node: ast.Call, file: str, function: str, place: int) -> Site | Open:
 
 def _name(node: ast.Call) -> str | None:
     if isinstance(node.func, ast.Attribute):  # an examiner has methods of names like these
-        return node.func.attr if node.func.attr in {"finding", "tell"} else None
+        return node.func.attr if node.func.attr in {"finding", "report"} else None
     return node.func.id if isinstance(node.func, ast.Name) else None
 
 
@@ -115,7 +115,7 @@ def test_data_are_no_sentences() -> None:
         ('violate("render.blank", got=1, more=2)', True),
         ('violate("render.blank", **data)', True),
         ('probe.finding("render.blank", "render.blank_at_first", got=1, level="note", at=3)', False),
-        ('self.tell("type", "value.kind", got=1)', True),
+        ('self.report("type", "value.kind", got=1)', True),
         ('observation("raised", {"raised": 1})', False),
     ],
 )

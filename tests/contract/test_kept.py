@@ -58,8 +58,8 @@ def test_a_package_that_replaces_the_standard_library_is_healthy(
 
 
 REPLACING = {
-    "function": "m['cell_search'].imported = lambda name: None",
-    "method": "m['cell_run'].Probe._attempt = lambda self, check: ('passed', None)",
+    "function": "m['cell_module_search'].import_or_call = lambda name: None",
+    "method": "m['cell_run'].Probe._attempt = lambda self, check, follows=False: 'passed'",
     "check": "m['check_import_modules'].run = lambda probe, facts: None",
 }
 
@@ -71,7 +71,11 @@ def test_a_replaced_function_of_ours_is_a_finding(what: str, probe, tmp_path: Pa
     (tmp_path / "replacing.py").write_text(find + REPLACING[what])
     found = probe(sys.executable, importing("replacing")).findings
     (texts,) = found.values()
-    name = {"function": "cell_search.imported", "method": "cell_run._attempt", "check": "check_import_modules.run"}
+    name = {
+        "function": "cell_module_search.import_or_call",
+        "method": "cell_run._attempt",
+        "check": "check_import_modules.run",
+    }
     assert list(found) == ["import.replaced"]
     assert texts[0].endswith(f"so that its checks say nothing: {name[what]}")
 
@@ -96,9 +100,9 @@ def encoded(monkeypatch: pytest.MonkeyPatch):
     package = type(sys)("_simmatrix_cell")
     package.__path__ = [str(Path(harness.__file__).parent / "incell")]
     monkeypatch.setitem(sys.modules, "_simmatrix_cell", package)
-    from _simmatrix_cell import cell_kept  # type: ignore[import-not-found]
+    from _simmatrix_cell import cell_originals  # type: ignore[import-not-found]
 
-    return cell_kept.encoded
+    return cell_originals.encode
 
 
 @pytest.mark.parametrize("value", VALUES, ids=repr)

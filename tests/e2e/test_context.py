@@ -26,10 +26,10 @@ def libraries():
         return {line.split()[-1] for line in file if ".so" in line}
 
 context = loaded(sys.argv[1], "context")
-before = context.current()
+before = context.current_context()
 made = loaded(sys.argv[2], "probe").WAYS[sys.argv[3]]() if sys.argv[3] else {}
 before_asking = libraries()
-told = [before, made, context.current()]
+told = [before, made, context.current_context()]
 assert libraries() == before_asking
 with open(sys.argv[4], "w") as file:
     json.dump(told, file)
@@ -45,7 +45,7 @@ def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def asked(folder: Path, way: str) -> list[dict[str, str]]:
     """Return the context seen before a context is made in this way, its maker's facts, and the context seen after."""
-    files = (str(launch.INCELL / "cell_context.py"), str(Path(gl_probe.__file__)))
+    files = (str(launch.INCELL / "cell_opengl_context.py"), str(Path(gl_probe.__file__)))
     command = Command(
         argv=(sys.executable, "-I", "-c", ASKING, *files, way, str(folder / "told.json")),
         cwd=folder,

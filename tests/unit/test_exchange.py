@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-exchange = import_module("harness.incell.cell_exchange")
-counting = import_module("harness.incell.cell_counting")
+exchange = import_module("harness.incell.cell_step_recorder")
+counting = import_module("harness.incell.cell_copy_counts")
 
 WORLDS = 3
 
@@ -44,7 +44,7 @@ class Batch:
 
 def watched(env: Batch, steps: int) -> Any:
     """Return the exchange observed over a reset and some steps."""
-    with exchange.Exchange(env) as seen:
+    with exchange.StepRecorder(env) as seen:
         env.reset()
         for _ in range(steps):
             env.step(None)
@@ -56,8 +56,8 @@ def test_memory_that_is_reused_is_seen_and_values_are_kept(reuse: bool) -> None:
     """Of one that reuses its memory the parts of all steps hold the last values; the copies hold each step's."""
     seen = watched(Batch(reuse=reuse), 2)
     first, last = seen.steps
-    assert exchange.reuses(seen.steps) is reuse
-    assert exchange.equal(first.parts["policy"], first.copies["policy"]) is not reuse
+    assert exchange.reuses_memory(seen.steps) is reuse
+    assert exchange.same_values(first.parts["policy"], first.copies["policy"]) is not reuse
     assert (first.copies["policy"][:, 0].tolist(), last.copies["policy"][:, 0].tolist()) == ([1, 1, 1], [0, 2, 2])
     assert [last.ended.tolist(), exchange.rows(last.copies["policy"], ~last.ended).tolist()] == [
         [True, False, False],
@@ -68,7 +68,7 @@ def test_memory_that_is_reused_is_seen_and_values_are_kept(reuse: bool) -> None:
 def test_an_environment_is_left_as_it_was() -> None:
     """Its own methods are back, also after an exception."""
     env = Batch()
-    with pytest.raises(TypeError, match="unexpected keyword"), exchange.Exchange(env):
+    with pytest.raises(TypeError, match="unexpected keyword"), exchange.StepRecorder(env):
         env.step(None, wrong=True)  # type: ignore[call-arg]
     assert {"step", "reset"} & set(vars(env)) == set()
 
@@ -76,7 +76,7 @@ def test_an_environment_is_left_as_it_was() -> None:
 def test_worlds_amid_an_episode_are_counted_at_a_reset() -> None:
     """At the beginning none, later those that had not ended, unless a mask spares them."""
     env = Batch()
-    with exchange.Exchange(env) as seen:
+    with exchange.StepRecorder(env) as seen:
         env.reset()
         env.step(None)
         env.step(None)
@@ -88,22 +88,22 @@ def test_worlds_amid_an_episode_are_counted_at_a_reset() -> None:
 
 def test_values_are_compared_whatever_their_last_dimension() -> None:
     """A dimension of one more is no difference, another value is; no number equals itself."""
-    assert exchange.equal(np.array([1.0, np.nan]), np.array([[1.0], [np.nan]]))
-    assert not exchange.equal(np.array([1.0, 2.0]), np.array([[1.0], [3.0]]))
-    assert not exchange.equal(np.zeros(2), np.zeros(3))
+    assert exchange.same_values(np.array([1.0, np.nan]), np.array([[1.0], [np.nan]]))
+    assert not exchange.same_values(np.array([1.0, 2.0]), np.array([[1.0], [3.0]]))
+    assert not exchange.same_values(np.zeros(2), np.zeros(3))
 
 
 def test_an_array_is_shown_in_one_line() -> None:
     """Type, dtype, shape and place; of anything else the type."""
-    assert exchange.shown(np.zeros((2, 3), "float32")) == "numpy.ndarray float32 [2, 3] cpu"
-    assert (exchange.shown(1.5), exchange.same_memory(1.5, np.zeros(1))) == ("float", None)
+    assert exchange.describe_array(np.zeros((2, 3), "float32")) == "numpy.ndarray float32 [2, 3] cpu"
+    assert (exchange.describe_array(1.5), exchange.same_memory(1.5, np.zeros(1))) == ("float", None)
 
 
 def test_a_conversion_is_counted_once_and_for_its_place() -> None:
     """A conversion that another one calls is not counted again; outside of any place nothing is counted."""
     counts = counting.Counts()
-    inner = counts.called(lambda value: value, "cpu()", lambda *_: True)
-    outer = counts.called(inner, "to numpy", lambda *_: True)
+    inner = counts.count_calls(lambda value: value, "cpu()", lambda *_: True)
+    outer = counts.count_calls(inner, "to numpy", lambda *_: True)
     outer(1)
     counts.where = "wrapper"
     outer(1)

@@ -20,16 +20,15 @@ FORMAT = frozenset(
 )  # fmt: skip
 """Fields that are keys of a document, or of what authors' pages read."""
 
-PROGRAMS = {"incell", "vendored", "fakes", "standins", "peers"}
-"""Folders apart: the names in the programs of a cell are part of what evidence was measured with (their digests), and
-change when the reports are measured again; a vendored library and tiny packages are not ours to name."""
+APART = {"vendored", "fakes", "standins", "peers"}
+"""Folders apart: a vendored library and tiny packages are not ours to name."""
 
 
 def files() -> Iterator[Path]:
     """Yield the files that the rule holds for: not the bodies of tests, whose names live for ten lines."""
     for folder in ("harness", "matrices/modules", "benchmarks", "tests"):
         for path in sorted((ROOT / folder).rglob("*.py")):
-            if not PROGRAMS & {*path.parts} and not path.name.startswith("test_"):
+            if not APART & {*path.parts} and not path.name.startswith("test_"):
                 yield path
 
 

@@ -14,6 +14,7 @@ from harness.probes.evidence import MAKE_BANK
 
 FOLLOWERS = tuple(name for names in wire.FOLLOWERS.values() for name in names)
 ALL = (*CHECKS, *FOLLOWERS, "single.repeat", first_cases.LISTING, MAKE_BANK)
+VECTOR = tuple(check for check in ALL if check.startswith("vector."))
 DIGESTS = {(api, check): program.digest(api, check) for api in ("", *APIS) for check in ALL}
 
 
@@ -41,12 +42,12 @@ def pairs(*checks: str, apis: tuple[str, ...] = ("", *APIS)) -> set[tuple[str, s
 @pytest.mark.parametrize(
     ("name", "before", "after"),
     [
-        ("check_single_loop.py", '"""Drives one', '"""Really drives one'),
+        ("check_single_loop.py", '"""Drive one', '"""Really drive one'),
         ("check_single_loop.py", '    """Make, reset', '    """Take, reset'),
         ("check_single_loop.py", "# a training loop", "# any training loop"),
         ("check_vector_async_fork.py", "\nrun =", "\n\n\n# a comment\nrun ="),
         ("cell_batch.py", '"""Seconds given to workers', '"""The seconds given to workers'),
-        ("api_gymnasium.py", '"""The adapter', '"""An adapter'),
+        ("api_gymnasium.py", '"""Drive', '"""Really drive'),
     ],
     ids=["of a module", "of a function", "comment", "layout", "below a name", "of an adapter"],
 )
@@ -63,11 +64,11 @@ def test_words_change_nothing(name: str, before: str, after: str, changed) -> No
         ("check_single_repeat_same.py", "_ANOTHER_SEED = 10", "_ANOTHER_SEED = 11", ("single.repeat.same",)),
         ("check_vector_async_spawn.py", '"spawn"', '"fork"', ("vector.async.spawn",)),
         ("check_render_unclosed.py", "env.render()", "env.render(), env.render()", ("render.unclosed",)),
-        ("cell_start.py", "FAR = 0.05", "FAR = 0.06", ("single.start_pose",)),
-        ("cell_sb3.py", '"?"', '""', ("interop.sb3.check_env", "interop.sb3.learn")),
+        ("check_single_start_pose.py", "FAR = 0.05", "FAR = 0.06", ("single.start_pose",)),
+        ("cell_batch.py", "PATIENCE = 3.0", "PATIENCE = 4.0", (*VECTOR, "render.device")),
         ("cell_pictures.py", "WINDOW = 5", "WINDOW = 6", ("render.rgb_array",)),
-        ("check_list_environments.py", "found = []", "found = list()", (first_cases.LISTING,)),
-        ("cell_beside.py", '".teardown"', '".after"', ALL),
+        ("check_list_environments.py", "environments = {}", "environments = dict()", (first_cases.LISTING,)),
+        ("cell_side_effects.py", '".teardown"', '".after"', ALL),
         ("cell_errors.py", '"(its message', '"(the message', ALL),
         ("cell_imports.py", ", 4)", ", 3)", ALL),
     ],
@@ -84,7 +85,7 @@ def test_a_changed_check_measures_that_check_alone(
     [
         ("api_pybullet.py", "import_module", "import_modul", ("pybullet",)),
         ("cell_cartpole.py", "def ", "def a", ("isaaclab",)),
-        ("cell_worlds.py", "def ", "def a", ("brax", "isaaclab", "mjx", "mujoco_warp", "newton", "tensor")),
+        ("cell_batched_worlds.py", "def ", "def a", ("brax", "isaaclab", "mjx", "mujoco_warp", "newton", "tensor")),
     ],
 )
 def test_a_changed_adapter_measures_its_own_cells_alone(

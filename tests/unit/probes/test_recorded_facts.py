@@ -14,7 +14,7 @@ from harness.judging.runs.check import Ending, check_record
 from harness.model import CheckReply, Outcome
 from harness.probes.facts import believed, plain
 
-frames = import_module("harness.incell.cell_frames")
+frames = import_module("harness.incell.cell_pictures")
 trace = import_module("harness.incell.cell_trace")
 
 BLACK = np.zeros((6, 9, 3), np.uint8)
@@ -29,7 +29,7 @@ def scene() -> Any:
 
 def test_a_picture_in_numbers() -> None:
     """Size, digest of the pixels, colours by four levels, nine mean colours, spread."""
-    told = frames.described(scene())
+    told = frames.picture_facts(scene())
     assert told == {
         "shape": [6, 9, 3],
         "sha256": hashlib.sha256(scene().tobytes()).hexdigest(),
@@ -53,13 +53,13 @@ def test_a_picture_in_numbers() -> None:
 )
 def test_a_wrong_picture_has_other_numbers(picture: Any, names: set[str]) -> None:
     """Each way of being wrong shows in its own places, without the picture."""
-    right, wrong = frames.described(scene()), frames.described(picture)
+    right, wrong = frames.picture_facts(scene()), frames.picture_facts(picture)
     assert {name for name in right if right[name] != wrong[name]} == names
 
 
 def test_a_tiny_picture() -> None:
     """Fields of the grid that are empty have no mean colour."""
-    assert frames.described(BLACK[:1, :1])["means"] == [[0.0] * 3, *[None] * 8]
+    assert frames.picture_facts(BLACK[:1, :1])["means"] == [[0.0] * 3, *[None] * 8]
 
 
 def test_values_of_a_trajectory() -> None:
@@ -95,7 +95,7 @@ def test_values_are_bounded(width: int, entries: int, kept: int) -> None:
 
 
 CAMERA = {"position": [0, 1, 2], "forward": [0.0, 1.0, 0.0], "up": [0.0, 0.0, 1.0], "fovy": 45.0}
-PICTURE = {**frames.described(scene()), "camera": CAMERA}
+PICTURE = {**frames.picture_facts(scene()), "camera": CAMERA}
 VALUES = {"steps": 9, "sizes": [4, 1, 1, 1], "entries": [[[0.5, 1]], [[0.5, None], [1.0], [0], [0]], [None]]}
 
 

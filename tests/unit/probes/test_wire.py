@@ -287,4 +287,4 @@ def test_a_fact_for_later_that_lies_is_a_problem() -> None:
 def test_last_words_are_those_of_the_cell() -> None:
     """The host looks for the very line that a probe prints."""
     folder = Path(sys.modules["harness"].__file__ or "").parent / "incell"
-    assert f'LAST_WORDS = "{wire.LAST_WORDS}"' in (folder / "cell_lines.py").read_text()
+    assert f'LAST_WORDS = "{wire.LAST_WORDS}"' in (folder / "cell_records.py").read_text()

@@ -1,47 +1,48 @@
-"""gym before 0.26: reset() returns the observation alone, step() four values, and `seed()` seeds."""
+"""Drive gym before 0.26: reset() returns the observation alone, step() four values, and `seed()` seeds."""
 
 import importlib
 
+from .cell_callables import takes_argument
 from .cell_errors import library, skip, violate
-from .cell_family import Family, Modern, unheard
-from .cell_own import takes
-from .cell_values import Examiner, shown
+from .cell_gym_modern import GymnasiumAdapter, ModernEnvironment, ignore_report
+from .cell_values import Examiner, describe_value
 
 TRUNCATED = "TimeLimit.truncated"
 
 
-class Gym(Family):
-    """gym of every generation; what the library has tells which one it is."""
+class GymAdapter(GymnasiumAdapter):
+    """Drive gym of every generation, which the attributes of the library show."""
 
-    heeds = True
+    seeds_at_reset = True
     """Whether reset() of the environment made last takes a seed; false of those written before gym 0.22."""
 
     def __init__(self):
         super().__init__("gym")
 
-    def ids(self):
+    def registered_ids(self):
         """Return the ids that are registered."""
-        registry = super().ids()
+        registry = super().registered_ids()
         return registry if isinstance(registry, dict) else registry.env_specs
 
-    def bare(self, case, **more):
-        """Make the library's own object; before 0.25 how it draws is said later, by `render`."""
+    def make_raw(self, case, **more):
+        """Make the library's own object; before 0.25 `render` is given the render mode later."""
         if self._classic() and not hasattr(self._part("core").Env, "render_mode"):
             more.pop("render_mode", None)
         try:
-            raw = super().bare(case, **more)
+            raw = super().make_raw(case, **more)
         except TypeError as error:  # an environment written before
             if "'render_mode'" not in str(error) or not self._classic():
                 raise
-            raw = super().bare(case)
-        self.heeds = self._classic() and self._heeds(raw)
+            raw = super().make_raw(case)
+        self.seeds_at_reset = self._classic() and self._seeds_at_reset(raw)
         return raw
 
-    def driven(self, raw, tell, batch=None):
-        """Drive the library's object as users of its release do."""
+    def wrap(self, raw, report, batch=None):
+        """Wrap the library's object to drive it as users of its release do."""
         if not self._classic():
-            return super().driven(raw, tell, batch)
-        return Classic(raw, Examiner(self._part("spaces"), raw, tell, batch), self.heeds and takes(raw.reset, "seed"))
+            return super().wrap(raw, report, batch)
+        examiner = Examiner(self._part("spaces"), raw, report, batch)
+        return ClassicEnvironment(raw, examiner, self.seeds_at_reset and takes_argument(raw.reset, "seed"))
 
     def check_env(self, case):
         """Run the library's own checker, which came with 0.19."""
@@ -60,35 +61,35 @@ class Gym(Family):
     def _classic(self):
         return hasattr(self._part("core").Env, "seed")
 
-    def _heeds(self, raw):
+    def _seeds_at_reset(self, raw):
         """Return whether every layer passes a seed on to reset()."""
         core = self._part("core")
-        while takes(raw.reset, "seed"):
+        while takes_argument(raw.reset, "seed"):
             if not isinstance(raw, core.Wrapper):
-                return takes(core.Env.reset, "seed")
+                return takes_argument(core.Env.reset, "seed")
             raw = raw.env
         return False
 
 
-class Classic(Modern):
+class ClassicEnvironment(ModernEnvironment):
     """An environment of the API of four: seed(), reset() -> observation, step() -> four values."""
 
-    def __init__(self, raw, examiner, heeds):
+    def __init__(self, raw, examiner, seeds_at_reset):
         super().__init__(raw, examiner)
-        self.heeds = heeds
+        self.seeds_at_reset = seeds_at_reset
         self.frame = None
 
-    def alike(self, raw):
-        """Drive a single environment of those that are in a batch, without a word."""
-        return Classic(raw, Examiner(self.examiner.spaces, raw, unheard), self.heeds)
+    def wrap_single(self, raw):
+        """Drive a single environment like those of a batch; its reports are ignored."""
+        return ClassicEnvironment(raw, Examiner(self.examiner.spaces, raw, ignore_report), self.seeds_at_reset)
 
     def reset(self, seed=None):
         """Start an episode and return the observation."""
         self.frame = None
         with library:
-            if seed is not None and not self.heeds:
+            if seed is not None and not self.seeds_at_reset:
                 self.raw.seed(seed)
-            observation = self.raw.reset(seed=seed) if seed is not None and self.heeds else self.raw.reset()
+            observation = self.raw.reset(seed=seed) if seed is not None and self.seeds_at_reset else self.raw.reset()
         self.examiner.observation("reset()", observation)
         return observation
 
@@ -107,12 +108,12 @@ class Classic(Modern):
         return observation, reward, done and not truncated if self.examiner.batch is None else done, truncated
 
     def _truncated(self, info):
-        """In a batch an info is a sequence of dicts, since 0.24 one dict: the time limit is then among the values."""
+        """Return the flag of the time limit: a batch has a sequence of dicts as info, since 0.24 one dict of arrays."""
         batch = self.examiner.batch
         if batch and isinstance(info, (tuple, list)):
             if len(info) != batch or not all(isinstance(item, dict) for item in info):
                 promised = "a dict for each of {} environments".format(batch)
-                violate("call.info", call="step()", got=shown(info), promised=promised)
+                violate("call.info", call="step()", got=describe_value(info), promised=promised)
             return [bool(item.get(TRUNCATED)) for item in info]
         self.examiner.info("step()", info)
         return info.get(TRUNCATED, [False] * batch) if batch else bool(info.get(TRUNCATED))

@@ -11,21 +11,21 @@ EGL_DEVICE, EGL_EXTENSIONS, EGL_DRM_FILE, EGL_CUDA_DEVICE = 0x322C, 0x3055, 0x32
 LONGEST = 300
 
 
-def current():
+def current_context():
     """Return `api` (egl, osmesa, glx), vendor, renderer, version and, of EGL, `device`; empty without a context."""
-    found = asked(("libEGL.so", _egl), ("libOSMesa.so", _osmesa), ("libGLX.so", _glx), ("libGL.so", _glx))
-    return {name: text[:LONGEST] for name, text in found.items() if text}
+    facts = first_answer(("libEGL.so", _egl), ("libOSMesa.so", _osmesa), ("libGLX.so", _glx), ("libGL.so", _glx))
+    return {name: text[:LONGEST] for name, text in facts.items() if text}
 
 
-def asked(*ways):
-    """Return the first answer of a loaded library; a way is the beginning of a file name, and a function to ask."""
+def first_answer(*questions):
+    """Return the first answer of a loaded library; a question is the beginning of a file name and a function."""
     mapped = _mapped()
-    for stem, ask in ways:
+    for stem, ask in questions:
         for path in mapped:
             if os.path.basename(path).startswith(stem):
-                found = _asked(ask, path)
-                if found:
-                    return found
+                facts = _answer(ask, path)
+                if facts:
+                    return facts
     return {}
 
 
@@ -35,7 +35,7 @@ def _mapped():
     return sorted(os.fsdecode(path) for path in paths if b".so" in path)
 
 
-def _asked(ask, path):
+def _answer(ask, path):
     """Return the answer of a library; None if it lacks the functions that its name promises, or is gone again."""
     try:
         return ask(ctypes.CDLL(path, mode=os.RTLD_NOLOAD | os.RTLD_LAZY))
@@ -47,7 +47,7 @@ def _egl(library):
     find, device = library.eglGetProcAddress, drawing_device(library)
     if device is None:
         return None
-    return dict(_strings(find), api="egl", device=described(find, device) if device else "")
+    return dict(_strings(find), api="egl", device=describe_device(find, device) if device else "")
 
 
 def _osmesa(library):
@@ -68,30 +68,30 @@ def drawing_device(library):
     if not display or not _pointer(library.eglGetCurrentContext):
         return None
     kinds = ctypes.c_uint, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p
-    of_display = entry(library.eglGetProcAddress, "eglQueryDisplayAttribEXT", *kinds)
+    of_display = c_function(library.eglGetProcAddress, "eglQueryDisplayAttribEXT", *kinds)
     device = ctypes.c_void_p()
-    known = of_display and of_display(display, EGL_DEVICE, ctypes.byref(device))
-    return device.value or 0 if known else 0
+    answered = of_display and of_display(display, EGL_DEVICE, ctypes.byref(device))
+    return device.value or 0 if answered else 0
 
 
-def described(find, device):
+def describe_device(find, device):
     """Describe a device: its file, the number by which CUDA knows it, or that it is no hardware."""
     text, extensions = _device_text(find), _extensions(find, device)
-    found = []
+    facts = []
     if b"EGL_EXT_device_drm" in extensions:
-        found.append(_text(text(device, EGL_DRM_FILE)))
-    cuda = ordinal(find, device)
+        facts.append(_text(text(device, EGL_DRM_FILE)))
+    cuda = cuda_number(find, device)
     if cuda is not None:
-        found.append("CUDA {}".format(cuda))
+        facts.append("CUDA {}".format(cuda))
     if b"EGL_MESA_device_software" in extensions:
-        found.append("software")
-    return ", ".join(one for one in found if one)
+        facts.append("software")
+    return ", ".join(filter(None, facts))
 
 
-def ordinal(find, device):
+def cuda_number(find, device):
     """Return the number by which CUDA knows a device of EGL; None if CUDA does not know it."""
     kinds = ctypes.c_uint, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p
-    of_device = entry(find, "eglQueryDeviceAttribEXT", *kinds)
+    of_device = c_function(find, "eglQueryDeviceAttribEXT", *kinds)
     if not of_device or b"EGL_NV_device_cuda" not in _extensions(find, device):
         return None  # to ask would leave an error behind, which a library may take for its own
     cuda = ctypes.c_void_p()
@@ -105,15 +105,15 @@ def _extensions(find, device):
 
 
 def _device_text(find):
-    return entry(find, "eglQueryDeviceStringEXT", ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
+    return c_function(find, "eglQueryDeviceStringEXT", ctypes.c_char_p, ctypes.c_void_p, ctypes.c_int)
 
 
 def _strings(find):
-    ask = entry(find, "glGetString", ctypes.c_char_p, ctypes.c_uint)
+    ask = c_function(find, "glGetString", ctypes.c_char_p, ctypes.c_uint)
     return {name: _text(ask(number)) for name, number in STRINGS} if ask else {}
 
 
-def entry(find, name, result, *arguments):
+def c_function(find, name, result, *arguments):
     """Return a C function, as these libraries find it by its name; None if they know none."""
     find.restype, find.argtypes = ctypes.c_void_p, [ctypes.c_char_p]
     address = find(name.encode())

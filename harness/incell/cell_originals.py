@@ -1,7 +1,6 @@
-"""Keeps the functions that our own code calls, from before any library is imported, since a library may replace them.
+"""Keep the functions that our own code calls from before any library is imported, since a library may replace them.
 
-A library that puts another encoder in the place of `json.dumps`, or its own number in the place of `os.getpid`, does
-nothing wrong. It is not to change what is said of it, either.
+A library that replaces `json.dumps` or `os.getpid` does nothing wrong, but it must not change what we record of it.
 """
 
 from gc import collect
@@ -17,7 +16,7 @@ from time import monotonic
 __all__ = [
     "ITIMER_REAL",
     "collect",
-    "encoded",
+    "encode",
     "fstat",
     "getpid",
     "import_module",
@@ -30,14 +29,14 @@ __all__ = [
 ]
 
 
-def encoded(value):
-    """Return a value as JSON in ASCII; what JSON lacks becomes its text."""
+def encode(value):
+    """Return a value as JSON in ASCII; a value that JSON lacks becomes its text."""
     if value is None or value is True or value is False:
         return {None: "null", True: "true", False: "false"}[value]
     if isinstance(value, dict):
-        return "{" + ", ".join(_quoted(key) + ": " + encoded(item) for key, item in value.items()) + "}"
+        return "{" + ", ".join(_quoted(key) + ": " + encode(item) for key, item in value.items()) + "}"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(encoded, value)) + "]"
+        return "[" + ", ".join(map(encode, value)) + "]"
     if isinstance(value, int):
         return _digits(value)
     if isinstance(value, float) and value - value == 0:
@@ -45,7 +44,7 @@ def encoded(value):
     return _quoted(repr(value) if isinstance(value, float) else value)
 
 
-def clean(value):
+def clean_text(value):
     """Return a value as text that UTF-8 can hold."""
     return str(value).encode("utf-8", "backslashreplace").decode("utf-8")
 
@@ -58,4 +57,4 @@ def _digits(number):
 
 
 def _quoted(value):
-    return encode_basestring_ascii(clean(value))
+    return encode_basestring_ascii(clean_text(value))

@@ -1,18 +1,18 @@
-"""Records between the two worlds: one JSON object a line, each line one write."""
+"""Write records for the host: one JSON object a line, each line one write."""
 
 import os
 
-from .cell_kept import encoded, fstat, getpid, open_file, write
+from .cell_originals import encode, fstat, getpid, open_file, write
 
 LAST_WORDS = "simmatrix: the last line of the reply is written"
-"""What the probe prints then: of what comes after it, only the printed text is left."""
+"""The text that the probe prints then: later events leave printed text only."""
 
 LONGEST_MESSAGE = 20000
 LONGEST_TRACEBACK = 60000
 
 
-class Lines:
-    """A file of records. Only the process that opened it writes to it: a forked child says nothing here."""
+class RecordFile:
+    """A file of records. Only the process that opened it writes to it: a forked child writes nothing."""
 
     def __init__(self, path):
         self.pid = getpid()
@@ -28,27 +28,27 @@ class Lines:
         self.seq += 1
         if not self._is_ours():
             self._open()
-        write(self._file, (encoded(record) + "\n").encode("ascii"))
+        write(self._file, (encode(record) + "\n").encode("ascii"))
 
     def _open(self):
         self._file = open_file(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
-        self._known = _identity(self._file)
+        self._opened = _identity(self._file)
 
     def _is_ours(self):
         """Return whether the descriptor is still the file: a library that closes all of them may have it used again."""
         try:
-            return _identity(self._file) == self._known
+            return _identity(self._file) == self._opened
         except OSError:
             return False
 
 
 def _identity(descriptor):
-    found = fstat(descriptor)
-    return found.st_dev, found.st_ino
+    status = fstat(descriptor)
+    return status.st_dev, status.st_ino
 
 
-def bounded(text, limit):
-    """Return text of at most `limit` characters: its beginning and its end, where the news is."""
+def shorten(text, limit):
+    """Return text of at most `limit` characters: its beginning and its end, where the decisive line is."""
     if len(text) <= limit:
         return text
     half = (limit - 40) // 2

@@ -1,4 +1,4 @@
-"""Counts what is converted and copied of torch's tensors, whoever asks for it.
+"""Count the conversions and copies of torch's tensors, whoever asks for them.
 
 Copies are counted where torch dispatches its operations, conversions by the calls that make them: torch dispatches
 nothing for an array that is given the memory of a tensor.
@@ -16,7 +16,7 @@ FROM_NUMPY = "from numpy"
 
 
 class Counts:
-    """Numbers of conversions and copies, by the place that they were asked for from; outside of `counted` none are."""
+    """Count conversions and copies by the place that they are requested from, within `count_for` alone."""
 
     def __init__(self):
         self.where = None
@@ -24,12 +24,12 @@ class Counts:
         self._inside = False
 
     @contextmanager
-    def counted(self, where):
-        """Count what is asked for in this block, for a place."""
+    def count_for(self, where):
+        """Count what happens in this block, for a place."""
         import numpy as np
 
         torch = importlib.import_module("torch")
-        with _replaced(self, torch, np.ndarray), _mode(self):
+        with _watch_conversions(self, torch, np.ndarray), _watch_copies(self):
             self.where = where
             try:
                 yield
@@ -38,7 +38,7 @@ class Counts:
 
     @contextmanager
     def at(self, where):
-        """Count for another place in this block, or for none, if anything is counted."""
+        """Count for another place in this block, or for none, where anything is counted."""
         before, self.where = self.where, where if self.where else None
         try:
             yield
@@ -51,8 +51,8 @@ class Counts:
             counts = self.by_place.setdefault(self.where, {})
             counts[kind] = counts.get(kind, 0) + 1
 
-    def called(self, function, kind, matters):
-        """Return the function, its calls counted if `matters` says so of the arguments; inner calls do not count."""
+    def count_calls(self, function, kind, matters):
+        """Wrap a function to count the calls whose arguments `matters` accepts; inner calls do not count."""
 
         def counting(*values, **named):
             outermost, self._inside = not self._inside, True
@@ -67,32 +67,32 @@ class Counts:
 
 
 @contextmanager
-def _replaced(counts, torch, array):
-    """Stand in for the calls that convert."""
-    stands = [(torch.Tensor, name, kind, lambda *_: True) for name, kind in OF_TENSORS.items()]
-    stands += [(torch, name, FROM_NUMPY, lambda *values: isinstance(values[0], array)) for name in OF_TORCH]
-    kept = [(owner, name, vars(owner).get(name)) for owner, name, _, _ in stands]
-    for owner, name, kind, matters in stands:
-        setattr(owner, name, counts.called(getattr(owner, name), kind, matters))
+def _watch_conversions(counts, torch, array):
+    """Count the calls that convert, in a block."""
+    replacements = [(torch.Tensor, name, kind, lambda *_: True) for name, kind in OF_TENSORS.items()]
+    replacements += [(torch, name, FROM_NUMPY, lambda *values: isinstance(values[0], array)) for name in OF_TORCH]
+    originals = [(owner, name, vars(owner).get(name)) for owner, name, _, _ in replacements]
+    for owner, name, kind, matters in replacements:
+        setattr(owner, name, counts.count_calls(getattr(owner, name), kind, matters))
     try:
         yield
     finally:
-        for owner, name, own in kept:
-            if own is None:
+        for owner, name, original in originals:
+            if original is None:
                 delattr(owner, name)
             else:
-                setattr(owner, name, own)
+                setattr(owner, name, original)
 
 
-def _mode(counts):
+def _watch_copies(counts):
     """Return a mode of torch that sees every operation."""
     modes = importlib.import_module("torch.utils._python_dispatch")
 
-    class Seen(modes.TorchDispatchMode):
+    class CountCopies(modes.TorchDispatchMode):
         def __torch_dispatch__(self, function, _types, values=(), named=None):
             kind = COPIES.get(function._schema.name)
             if kind:
                 counts.add(kind)
             return function(*values, **(named or {}))
 
-    return Seen()
+    return CountCopies()

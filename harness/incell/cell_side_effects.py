@@ -1,18 +1,18 @@
-"""Turns what happened beside a check into findings: warnings, ignored exceptions, replaced functions of ours."""
+"""Report side effects of a check as findings: warnings, ignored exceptions, replaced functions of ours."""
 
 import os
 import sys
-from os.path import abspath as _absolute
+from os.path import abspath as absolute
 
-from .cell_kept import collect
+from .cell_originals import collect
 
 FOLDER = os.path.dirname(os.path.abspath(__file__))
 STANDARD = os.path.dirname(os.path.abspath(os.__file__))
 MOST_REPLACED = 5
 
 
-def after_check(probe, phase, passed):
-    """Turn what happened beside the calls into findings; after a failure the ruins tell nothing."""
+def report_side_effects(probe, phase, passed):
+    """Report warnings and ignored exceptions; after a failure the exceptions mean nothing."""
     collect()
     for text in probe.watch.take_deprecations():
         probe.finding(phase + ".deprecation", "warned.deprecation", text=text, level="note")
@@ -21,33 +21,33 @@ def after_check(probe, phase, passed):
         probe.finding(phase + ".teardown", "teardown.ignored", name=name, raised=error)
 
 
-def at_end(probe, phase):
-    """Tell of functions of ours that were replaced."""
-    for name in _replaced():
+def report_replaced(probe, phase):
+    """Report functions of ours that a library replaced.
+
+    This finds what is done by accident or without care: whoever wants to hide it in the same process can.
+    """
+    for name in _replaced_functions():
         probe.finding(phase + ".replaced", "harness.replaced", name=name)
 
 
-def tell_raised(probe, check, error, blamed):
-    """Tell of an exception that does not stop a user's loop."""
-    if blamed == "library":
+def report_raised(probe, check, error, blame):
+    """Report an exception that does not stop a user's loop."""
+    if blame == "library":
         probe.finding(check, "raised", raised=error)
     else:
         probe.finding(check, "raised.by_harness", raised=error)
 
 
-def _replaced():
-    """Return which functions of ours something else put its own in the place of, by module and name.
-
-    It finds what is done by accident or without care: whoever wants to hide it in the same process can.
-    """
+def _replaced_functions():
+    """Return the functions of ours that are no longer ours, by module and name."""
     ours = [(name, sys.modules[name]) for name in sorted(sys.modules) if name.startswith(__package__ + ".")]
-    found = []
+    names = []
     for name, module in ours:
         holders = [module, *(kind for kind in vars(module).values() if isinstance(kind, type))]
-        holders = [one for one in holders if getattr(one, "__module__", __package__).startswith(__package__)]
+        holders = [holder for holder in holders if getattr(holder, "__module__", __package__).startswith(__package__)]
         entries = [entry for holder in holders for entry in vars(holder).items()]
-        found += [name[len(__package__) + 1 :] + "." + key for key, entry in entries if _is_foreign(entry)]
-    return sorted(set(found))[:MOST_REPLACED]
+        names += [name[len(__package__) + 1 :] + "." + key for key, entry in entries if _is_foreign(entry)]
+    return sorted(set(names))[:MOST_REPLACED]
 
 
 def _is_foreign(entry):
@@ -59,5 +59,5 @@ def _is_foreign(entry):
 
 def _is_standard(file):
     """Return whether a file belongs to Python itself, of which modules of ours import functions."""
-    place = _absolute(file)
-    return file.startswith("<frozen ") or (place.startswith(STANDARD) and "site-packages" not in place)
+    path = absolute(file)
+    return file.startswith("<frozen ") or (path.startswith(STANDARD) and "site-packages" not in path)

@@ -1,6 +1,6 @@
 """Write an observation of a check as a code and data; the host has the words, in `model/words.toml`."""
 
-from .cell_lines import bounded
+from .cell_records import shorten
 
 LONGEST = 4000
 """Characters of a text."""
@@ -10,35 +10,35 @@ MOST, DEEPEST = 50, 8
 
 
 class Step:
-    """The step that is being made, where steps are counted; None elsewhere."""
+    """The number of the step that is being made, where steps are counted; None elsewhere."""
 
     number = None
 
 
-step = Step()
+current_step = Step()
 
 
 def observation(code, data):
-    """Return a code and data as plain values: `at`, `got` and `promised` apart, whatever else is said below `data`."""
-    said = _plain(data, DEEPEST)
-    found = {"code": code, "at": said.pop("at", step.number)}
-    found.update((name, said.pop(name, None)) for name in ("got", "promised"))
-    return dict(found, data=said)
+    """Return a code and data as plain values: `at`, `got` and `promised` apart, everything else below `data`."""
+    plain = _plain(data, DEEPEST)
+    fields = {"code": code, "at": plain.pop("at", current_step.number)}
+    fields.update((name, plain.pop(name, None)) for name in ("got", "promised"))
+    return dict(fields, data=plain)
 
 
 def _plain(value, levels):
-    """Copy a value, bounded; what is no list or table of plain values becomes its text."""
+    """Copy a value, bounded; whatever is no list or table of plain values becomes its text."""
     if isinstance(value, dict) and levels:
-        return {bounded(str(name), LONGEST): _plain(value[name], levels - 1) for name in list(value)[:MOST]}
+        return {shorten(str(name), LONGEST): _plain(value[name], levels - 1) for name in list(value)[:MOST]}
     if isinstance(value, (list, tuple)) and levels:
         return [_plain(item, levels - 1) for item in value[:MOST]]
     if value is None or isinstance(value, (bool, int, float)):
         return value
-    return bounded(str(value), LONGEST)
+    return shorten(str(value), LONGEST)
 
 
 def place(value, call=None):
-    """Name a value that is looked at, and the call that returned it."""
+    """Name a value that is examined, and the call that returned it."""
     return {"value": value} if call is None else {"value": value, "call": call}
 
 
@@ -48,5 +48,5 @@ def inside(where, key):
 
 
 def remark(kind, code, **data):
-    """Return something to be told, of a kind such as `type` or `space`."""
+    """Return something to report, of a kind such as `type` or `space`."""
     return kind, code, data

@@ -1,7 +1,8 @@
-"""Scenes for simulators that bring none, as texts that MuJoCo, MJX and MuJoCo-Warp read alike."""
+"""Keep scenes for simulators that bring none, as texts that MuJoCo, MJX and MuJoCo-Warp read alike."""
 
 import os
 
+from .cell_callables import local_name
 from .cell_errors import library
 
 SPHERE = """
@@ -69,14 +70,9 @@ PICTURES = {"markers": {"above": "#ff0000", "below": "#0000ff"}}
 """Two colours of a right picture."""
 
 
-def named(case):
-    """Return the name of the case's environment without the name of the API before it."""
-    return case["env"].partition(":")[2] or case["env"]
-
-
-def source(case):
+def model_source(case):
     """Return the model of a case: `PREFIX:NAME` is a text of ours, `PREFIX:FILE.xml` a file where the cell runs."""
-    name = named(case)
+    name = local_name(case)
     if name.endswith(".xml") and os.path.isfile(name):
         return name
     if name not in SCENES:
@@ -85,8 +81,8 @@ def source(case):
     return SCENES[name]
 
 
-def load(mujoco, case):
+def load_model(mujoco, case):
     """Make the MjModel of a case."""
-    model = source(case)
+    model = model_source(case)
     with library:
         return (mujoco.MjModel.from_xml_string if model in SCENES.values() else mujoco.MjModel.from_xml_path)(model)
