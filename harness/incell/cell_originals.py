@@ -3,6 +3,8 @@
 A library that replaces `json.dumps` or `os.getpid` does nothing wrong, but it must not change what we record of it.
 """
 
+# ruff: noqa: F401 - other modules import these from here
+
 from gc import collect
 from importlib import import_module
 from json.encoder import encode_basestring_ascii
@@ -12,21 +14,6 @@ from os import open as open_file
 from os.path import join
 from signal import ITIMER_REAL, setitimer
 from time import monotonic
-
-__all__ = [
-    "ITIMER_REAL",
-    "collect",
-    "encode",
-    "fstat",
-    "getpid",
-    "import_module",
-    "join",
-    "leave",
-    "monotonic",
-    "open_file",
-    "setitimer",
-    "write",
-]
 
 
 def encode(value):

@@ -58,10 +58,11 @@ def drive(probe, facts, wrap, make=cell_interop.make_environment):
     with library:
         raw = make(probe)
         env = _wrap(raw, wrap)
-    measurements["wrapper"], measurements["batch"] = _wrapper_names(env), list(env.batch_size)
+    layers = _layers(env)
+    measurements["wrapper"], measurements["batch"] = [type(layer).__name__ for layer in layers], list(env.batch_size)
     torch.manual_seed(probe.case["seed"])
     try:
-        with StepRecorder(_inner(env)) as recorder:
+        with StepRecorder(layers[-1]._env) as recorder:
             stored = _steps(env, recorder)
             places = _stored_keys(recorder, stored)
             measurements.update(_describe_passing(recorder, stored, places))
@@ -146,7 +147,8 @@ def _report_keys(probe, recorder, stored, places):
     for name in wanted:
         if name not in places:
             probe.finding("interop.torchrl.keys", "torchrl.missing", promised=repr(name))
-    return {"environment": wanted, "stored": _observation_keys(stored[-1][1]), "renamed": renamed}
+    keys = [name for name in _keys_of(stored[-1][1]) if name not in STEP_KEYS]
+    return {"environment": wanted, "stored": keys, "renamed": renamed}
 
 
 def _compare_rollout(probe, wrapper, steps, rollout, places):
@@ -197,30 +199,17 @@ def _report_resets(probe, resets):
     return {"number": len(resets), "amid": len(amid)}
 
 
-def _inner(env):
-    """Return the environment that is wrapped."""
+def _layers(env):
+    """Return a wrapper and all that it wraps, the outermost first."""
     transformed = importlib.import_module("torchrl.envs").TransformedEnv
-    while isinstance(env, transformed):
-        env = env.base_env
-    return env._env
-
-
-def _wrapper_names(env):
-    """Return the names of the classes of a wrapper, the outermost first."""
-    transformed = importlib.import_module("torchrl.envs").TransformedEnv
-    names = [type(env).__name__]
-    while isinstance(env, transformed):
-        env = env.base_env
-        names.append(type(env).__name__)
-    return names
+    layers = [env]
+    while isinstance(layers[-1], transformed):
+        layers.append(layers[-1].base_env)
+    return layers
 
 
 def _keys_of(tensordict):
     return list(tensordict.keys())  # itself it yields its values
-
-
-def _observation_keys(after):
-    return [name for name in _keys_of(after) if name not in STEP_KEYS]
 
 
 def _common_answer(answers):
