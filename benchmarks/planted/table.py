@@ -124,7 +124,8 @@ def page(bank: Bank, outputs: dict[str, Outputs], planted: list[Planted]) -> str
         "# Planted changes: what a comparison says of them",
         "",
         "Made by `simmatrix run benchmarks/planted/planted-changes.toml` and "
-        f"`python -m benchmarks.planted.table --write` on {datetime.now(UTC):%Y-%m-%d}; {platform.machine()}, Python {platform.python_version()}.",
+        f"`python -m benchmarks.planted.table --write` on {datetime.now(UTC):%Y-%m-%d}; {platform.machine()}, "
+        f"Python {platform.python_version()}.",
         "",
         f"{len(planted) - len(wrong)} of {len(planted)} right"
         + (f"; wrong: {', '.join(wrong)}" if wrong else "")
