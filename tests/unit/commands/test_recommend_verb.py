@@ -159,7 +159,7 @@ def test_what_is_near_is_told(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_inferred_is_no_answer(capsys: pytest.CaptureFixture[str]) -> None:
     """An inferred combination is marked as such, with the cells it follows from, and the exit code is 1."""
-    cells = {cell["id"]: cell for cell in json.loads((REPORTS / "gymnasium-mujoco/report.json").read_text())["cells"]}
+    cells = {cell["id"]: cell for cell in json.loads((REPORTS / "robosuite/report.json").read_text())["cells"]}
 
     code, document = told(capsys, "gymnasium==1.0.0", "mujoco==3.6.0", "--python", "3.11", "--offline")
 
