@@ -94,7 +94,7 @@ def test_a_report_has_families_and_boundaries_that_come_back_from_its_evidence(f
     assert (boundary["axis"], boundary["before"], boundary["after"]) == ("fake-swing", "1.1", "2.0")
     assert (boundary["kind"], boundary["moved"], boundary["between"]) == ("changed", {}, [])
     page = (frozen.folder / "out" / "report.md").read_text(encoding="utf-8")
-    assert "| environment | 1.0 to 1.1 | 2.0 |\n" in page
+    assert "| environment / fake-swing | 1.0 to 1.1 | 2.0 |\n" in page
     assert "### fake-swing 1.1 to 2.0" in page
     before = {path.name: path.read_bytes() for path in Path(frozen.folder / "out").glob("report.*")}
     for path in Path(frozen.folder / "out").glob("report.*"):
