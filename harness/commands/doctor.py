@@ -12,7 +12,6 @@ from typing import Any
 import msgspec
 
 from harness.commands import explain
-from harness.matrix import changes
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.reports import doctor_pyz
@@ -24,6 +23,7 @@ from harness.rootcause.doctor.prove_in_copy import Proof
 from harness.standalone import wrapping
 from harness.standalone.doctor import doctor
 from harness.standalone.doctor.environment_choice import NoEnvironment
+from harness.standalone.failures.remedies import in_words
 from harness.standalone.output import print_json
 
 HELP = (
@@ -166,7 +166,7 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _lines(plain: Mapping[str, Any], document: Doctored) -> list[str]:
-    lines = list(doctor.lines(plain, changes.in_words))
+    lines = list(doctor.lines(plain, in_words))
     if document.tried and document.tried.decisive is None:
         lines += ["", document.tried.said]
     if document.proof:

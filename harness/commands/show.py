@@ -12,7 +12,7 @@ from pathlib import Path
 from harness.commands import find_cell, issuing, shipped_cell
 from harness.machine import store
 from harness.machine.store import Store
-from harness.matrix import changes, plan
+from harness.matrix import plan
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict, cellid
 from harness.model.errors import BadInput
 from harness.model.report_types import (
@@ -29,6 +29,7 @@ from harness.reports import document, publishing
 from harness.reports.tables import counted_failures, tables
 from harness.running import open_matrix
 from harness.running.signatures import shipped_signatures
+from harness.standalone.failures.remedies import in_words
 from harness.standalone.output import print_json
 
 HELP = "Show everything known of one cell: versions, phases, checks, the line that says why, its log and its lock."
@@ -180,7 +181,7 @@ def _diagnosis(diagnosis: DiagnosisEntry) -> Iterator[str]:
     yield f"known as {diagnosis.signature}"
     yield f"  cause      {diagnosis.cause}"
     yield f"  seen       {diagnosis.seen}"
-    yield f"  remedy     {changes.in_words(diagnosis.remedy)}"
+    yield f"  remedy     {in_words(diagnosis.remedy)}"
     yield f"  proven     {f'by {diagnosis.proof}, which works' if diagnosis.proof else 'not here'}"
     yield from (f"  reference  {reference}" for reference in diagnosis.references)
 

@@ -168,7 +168,7 @@ class Assessed:
     def failure(self) -> Failure | None:
         """Return the identity of the failure; None if the cell works, or nothing is known about its packages."""
         counted = known_failures.select_counting(self.diagnoses, self._lines())
-        return identity.failure(self, (str(one.signature.id) for one in counted))
+        return identity.failure(self, (one.signature.id for one in counted))
 
     # --- what was expected -------------------------------------------------------------------------------------
 

@@ -94,7 +94,7 @@ def names(diagnoses: Iterable[Diagnosis], lines: Iterable[str]) -> tuple[str, ..
     """Return the ids by which an expectation may name the known failures of a cell, former ones among them."""
     nameable: tuple[Diagnosis, ...] = counting.nameable(_fits(diagnoses, lines))
     former = (old for one in nameable for old in one.signature.formerly)
-    return (*(str(one.signature.id) for one in nameable), *map(str, former))
+    return (*(one.signature.id for one in nameable), *former)
 
 
 def _fits(diagnoses: Iterable[Diagnosis], lines: Iterable[str]) -> Iterator[Fit]:

@@ -39,15 +39,15 @@ class Issue(msgspec.Struct, frozen=True, kw_only=True):
 def from_signature(signature: Signature) -> Issue:
     """Return a known issue as documents have it, without its cells."""
     return Issue(
-        id=str(signature.id),
+        id=signature.id,
         cause=signature.cause,
         remedy=signature.remedy.plain,
         fix=in_words(signature.remedy.plain),
         silent=signature.silent,
-        packages=tuple(str(each) for part in signature.packages for each in part.requirements),
+        packages=tuple(each for part in signature.packages for each in part.requirements),
         example=next(iter(signature.examples), None),
         references=signature.references,
-        formerly=tuple(map(str, signature.formerly)),
+        formerly=signature.formerly,
     )
 
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 from harness.matrix import overlay_recipes
 from harness.model import Cell, Change, Question, Repair
 from harness.model.cellid import CellId
 from harness.model.vocabulary import parsed_requirement, required_name
-from harness.standalone.failures import remedies
+from harness.standalone.failures.remedies import describe_steps
 
 NEVER = "python_version < '0'"
 """The marker of an override that takes a package out, whoever asks for it."""
@@ -118,17 +118,6 @@ def _plain(cell: Cell) -> Cell:
     return replace(cell, id="", question=replace(question, overlay=overlay), expect=None, base=None, tried=None)
 
 
-def plain(change: Change) -> dict[str, Any]:
-    """Return a change in the form of documents: only what it does."""
-    values = {one.name: getattr(change, one.name) for one in fields(change)}
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items() if value}
-
-
-def in_words(remedy: Mapping[str, Any]) -> str:
-    """Write a document's remedy in words: first what a machine can do, then what none can."""
-    return remedies.in_words(remedy)
-
-
 def describe(change: Change) -> tuple[str, ...]:
     """Describe each thing that a change does in a few words."""
-    return tuple(remedies.describe_steps(plain(change)))
+    return tuple(describe_steps(change.plain))

@@ -16,6 +16,7 @@ from packaging.specifiers import InvalidSpecifier
 from packaging.utils import canonicalize_name
 
 from harness.matrix.matrix_types import (
+    CONDITIONAL,
     Axis,
     CaseTable,
     ChangedTable,
@@ -84,9 +85,9 @@ def read(text: str, path: str) -> Matrix:
 
 def sources(matrix: Matrix) -> dict[str, str]:
     """Return the texts that `files` and `page` read: each path, relative to the matrix file's folder, and who asks."""
-    page = {str(matrix.page): f"{matrix.path}: page"} if matrix.page else {}
+    page: dict[str, str] = {matrix.page: f"{matrix.path}: page"} if matrix.page else {}
     return page | {
-        str(content.source): f"{matrix.path}: {key_path(*place, 'files', name, 'source')}"
+        content.source: f"{matrix.path}: {key_path(*place, 'files', name, 'source')}"
         for place, changes in _changes(matrix)
         for name, content in changes.files.items()
         if isinstance(content, SourceTable)
@@ -102,7 +103,7 @@ def banks(matrix: Matrix) -> dict[str, str]:
         for value in read_axis.values
         for index, table in enumerate(value.cases)
     ]
-    return {str(table.bank): f"{matrix.path}: {place}[{index}].bank" for place, index, table in tables if table.bank}
+    return {table.bank: f"{matrix.path}: {place}[{index}].bank" for place, index, table in tables if table.bank}
 
 
 def repairing(matrix: Matrix) -> bool:
@@ -303,7 +304,7 @@ def _axis(matrix: Matrix, name: str) -> Axis:
 
 
 def _check_changes(matrix: Matrix, path: Keys, changes: Changes) -> None:
-    for key in ("constraints", "overrides", "build_constraints"):
+    for key in CONDITIONAL:
         for index, constraint in enumerate(getattr(changes, key)):
             where = (*path, key, index)
             _check_when(matrix, where, constraint.when, locks=True)

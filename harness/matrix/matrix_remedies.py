@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from harness.matrix import matrix_file
-from harness.matrix.matrix_types import ChangeTable, Constraint, Matrix
+from harness.matrix.matrix_types import CONDITIONAL, ChangeTable, Constraint, Matrix
 from harness.matrix.signatures import Signature
 from harness.model.schema import locate_errors, suggestion
 
@@ -26,7 +26,7 @@ def named(matrix: Matrix) -> list[tuple[matrix_file.Keys, str]]:
 
 def fill(matrix: Matrix, signatures: Iterable[Signature]) -> Matrix:
     """Return the matrix with its `remedy_of` changes filled in. Raises BadInput for an unknown failure."""
-    ids = {str(one.id): one for one in signatures}
+    ids: dict[str, Signature] = {one.id: one for one in signatures}
     for path, name in named(matrix):
         with locate_errors(matrix.path, *path):
             if name not in ids:
@@ -46,8 +46,7 @@ def _remedied(matrix: Matrix, index: int, change: ChangeTable, by_id: Mapping[st
         if remedy.change is None:
             message = f'no machine can apply the remedy of "{change.remedy_of}": {remedy.text}'
             raise ValueError(message)
-    contents: dict[str, Any] = {name: getattr(remedy, name) for name in matrix_file.DOING if name in remedy.plain}
-    for name in ("constraints", "overrides", "build_constraints"):
-        if name in contents:
-            contents[name] = tuple(Constraint(text, {}) for text in contents[name])
+    contents: dict[str, Any] = {name: getattr(remedy.change, name) for name in remedy.change.plain}
+    for name in contents.keys() & CONDITIONAL:
+        contents[name] = tuple(Constraint(text, {}) for text in contents[name])
     return msgspec.structs.replace(change, **contents)

@@ -111,6 +111,10 @@ class BringTable(Table, frozen=True, kw_only=True):
     ] = ()
 
 
+CONDITIONAL = ("constraints", "overrides", "build_constraints")
+"""Keys of a matrix whose requirements may have a `when`."""
+
+
 class Changes(Table, frozen=True, kw_only=True):
     """The additions that the matrix makes to every cell, or one value of an axis to its cells."""
 

@@ -84,12 +84,12 @@ def read(text: str, file: str) -> tuple[Repair, ...]:
                 message = f'"{release.version}" is listed twice'
                 raise ValueError(message)
         repairs[version] = Repair(
-            name=str(table.package),
+            name=table.package,
             version=str(version),
-            uploaded=str(release.uploaded),
+            uploaded=release.uploaded,
             origin=release.sdist or release.wheel_from or "",
             wheel=release.wheel,
-            build=tuple(map(str, table.build)) if release.sdist else (),
+            build=table.build if release.sdist else (),
             python=table.python if release.sdist else None,
             edits=edits,
             reason=table.reason,

@@ -19,17 +19,7 @@ from harness.matrix.matrix_types import Table
 from harness.model import Change, Observed, Phase
 from harness.model.errors import BadInput
 from harness.model.schema import load_toml, locate_errors
-from harness.model.vocabulary import (
-    Api,
-    Instant,
-    Label,
-    PackageName,
-    Pattern,
-    PythonVersion,
-    Requirement,
-    Variables,
-    Word,
-)
+from harness.model.vocabulary import Api, Label, Pattern, Requirement, Word
 from harness.model.words import contains, refusal, sentence_pattern
 
 ESCAPED = r"\\[\s\S]"
@@ -90,6 +80,8 @@ class Specifier(Word):
 
 
 EXAMPLES = 3
+UNSHOWN = frozenset({"code", "data", "examples", "verified_on"})
+"""Fields of a known failure that are neither matched in texts nor shown."""
 
 
 class PartTaking:
@@ -105,49 +97,19 @@ class PartTaking:
     def parse(cls, plain: Any, convert: Any) -> Self:
         """Return what either form stands for."""
         if isinstance(plain, list):
-            return cls(tuple(map(str, convert(plain, cls.reads[1]))))
-        return cls((str(convert(plain, Requirement)),))
+            return cls(convert(plain, cls.reads[1]))
+        return cls((convert(plain, Requirement),))
 
 
-class RemedyTable(Table, frozen=True, kw_only=True):
+class RemedyTable(Change, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The remedy of a failure: keys of a matrix's `[[change]]`, and `text` for what no machine can do."""
 
-    requirements: Annotated[
-        tuple[Requirement, ...], Meta(description="asked for instead of what was asked for of the same package")
-    ] = ()
-    constraints: Annotated[tuple[Requirement, ...], Meta(description="bounds on anything that is installed")] = ()
-    overrides: Annotated[tuple[Requirement, ...], Meta(description="replace what packages themselves require")] = ()
-    build_constraints: Annotated[tuple[Requirement, ...], Meta(description="bounds on what builds use")] = ()
-    build_variables: Annotated[Variables, Meta(description="environment variables of builds")] = Variables()
-    only_binary: Annotated[tuple[PackageName, ...], Meta(description="packages never built from source")] = ()
-    overlay: Annotated[tuple[PackageName, ...], Meta(description="packages whose releases are repaired")] = ()
-    uninstall: Annotated[tuple[PackageName, ...], Meta(description="packages that may not be there")] = ()
-    environment: Annotated[Variables, Meta(description="environment variables; an empty one is unset")] = Variables()
-    python: PythonVersion | None = None
-    as_of: Annotated[Instant | None, Meta(description="everything resolved as the index stood then")] = None
     text: Annotated[str, Meta(description="what to do that no machine can")] = ""
 
     @property
     def change(self) -> Change | None:
         """Return the part of the remedy that a machine can apply; None if there is none."""
-        values = {name: value for name, value in self.plain.items() if name != "text"}
-        arguments: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, list) else value for name, value in values.items()
-        }
-        return Change(**arguments) if arguments else None
-
-    @property
-    def plain(self) -> dict[str, Any]:
-        """Return the remedy in the form of documents, without empty keys."""
-        return {
-            name: list(map(str, value)) if isinstance(value, tuple) else _text(value)
-            for name, value in asdict(self).items()
-            if value
-        }
-
-
-def _text(value: Any) -> Any:
-    return dict(value) if isinstance(value, dict) else str(value)
+        return Change(**{name: getattr(self, name) for name in Change.__struct_fields__}) or None
 
 
 class VerifiedTable(Table, frozen=True, kw_only=True):
@@ -217,7 +179,7 @@ class Signature(Table, frozen=True, kw_only=True):
     def wording(self) -> str | None:
         """Return the pattern for texts alone: its own, and that of our sentences for its codes; None without any."""
         ours = (sentence_pattern(code, self.data) for code in self.codes)
-        return "|".join([*([str(self.pattern)] if self.pattern else []), *ours]) or None
+        return "|".join(filter(None, [self.pattern, *ours])) or None
 
     @property
     def codes(self) -> tuple[str, ...]:
@@ -231,27 +193,13 @@ class Signature(Table, frozen=True, kw_only=True):
     @property
     def as_file(self) -> dict[str, Any]:
         """Return its file's fields that are matched in texts or shown; examples and sightings are left out."""
-        parts = (part.requirements for part in self.packages)
-        fields = {
-            "id": str(self.id),
-            "cause": self.cause,
+        parts = [part.requirements for part in self.packages]
+        fields = asdict(self) | {
             "remedy": self.remedy.plain,
-            "phases": list(map(str, self.phases)),
             "pattern": self.wording,
-            "signal": self.signal,
-            "packages": [list(map(str, each)) if len(each) > 1 else str(each[0]) for each in parts],
-            "python": self.python and str(self.python),
-            "masks": self.masks,
-            "generic": self.generic,
-            "silent": self.silent,
-            "envs": list(self.envs),
-            "apis": list(map(str, self.apis)),
-            "opengl": self.opengl,
-            "check": self.check,
-            "formerly": list(map(str, self.formerly)),
-            "references": list(self.references),
+            "packages": [each if len(each) > 1 else each[0] for each in parts],
         }
-        return {name: value for name, value in fields.items() if value}
+        return {name: value for name, value in fields.items() if value and name not in UNSHOWN}
 
 
 class SignaturesFile(Table, frozen=True, kw_only=True):

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from datetime import date, time
 from difflib import get_close_matches
 from functools import cache
-from typing import Any, ClassVar, Protocol, Self, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import msgspec
 from msgspec import inspect as types
@@ -65,7 +65,7 @@ class SelfReading(Protocol):
     reads: ClassVar[tuple[Any, ...]]
 
     @classmethod
-    def parse(cls, plain: Any, convert: Convert) -> Self:
+    def parse(cls, plain: Any, convert: Convert) -> Any:
         """Return the value that `plain` stands for, or raise a ValueError saying what is wrong with it."""
 
 

@@ -9,9 +9,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+from msgspec import Meta, Struct
+from msgspec.structs import asdict
 
 from harness.model.cellid import CellId
+
+# To mypy a checked string is a string: only what is read from a file is checked.
+if TYPE_CHECKING:
+    Instant = str
+    PackageName = str
+    PackageSelector = str
+    PythonVersion = str
+    Requirement = str
+    Variables = Mapping[str, str]
+else:
+    from harness.model.vocabulary import Instant, PackageName, PackageSelector, PythonVersion, Requirement, Variables
 
 
 class Phase(StrEnum):
@@ -293,25 +307,34 @@ class Brought:
     changed: bool = False
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Change:
-    """A change to a cell: the remedy of a known failure, or a change that a matrix tries by a name.
+class Change(Struct, frozen=True, kw_only=True):
+    """A change to a cell: the remedy of a known failure, or a change that a matrix tries by a name."""
 
-    `requirements` replace those of the same packages, `uninstall` are packages that may not be in the lock, `overlay`
-    names packages whose releases are repaired, `as_of` is the instant of the resolution.
-    """
+    requirements: Annotated[
+        tuple[Requirement, ...], Meta(description="asked for instead of what was asked for of the same package")
+    ] = ()
+    constraints: Annotated[tuple[Requirement, ...], Meta(description="bounds on anything that is installed")] = ()
+    overrides: Annotated[tuple[Requirement, ...], Meta(description="replace what packages themselves require")] = ()
+    build_constraints: Annotated[tuple[Requirement, ...], Meta(description="bounds on what builds use")] = ()
+    build_variables: Annotated[Variables, Meta(description="environment variables of builds")] = {}
+    only_binary: Annotated[
+        tuple[PackageSelector, ...], Meta(description="packages never built from source, `:all:` for every one")
+    ] = ()
+    overlay: Annotated[tuple[PackageName, ...], Meta(description="packages whose releases are repaired")] = ()
+    uninstall: Annotated[tuple[PackageName, ...], Meta(description="packages that may not be there")] = ()
+    environment: Annotated[Variables, Meta(description="environment variables; an empty one is unset")] = {}
+    python: PythonVersion | None = None
+    as_of: Annotated[Instant | None, Meta(description="everything resolved as the index stood then")] = None
 
-    requirements: tuple[str, ...] = ()
-    constraints: tuple[str, ...] = ()
-    overrides: tuple[str, ...] = ()
-    build_constraints: tuple[str, ...] = ()
-    build_variables: Mapping[str, str] = field(default_factory=dict)
-    only_binary: tuple[str, ...] = ()
-    overlay: tuple[str, ...] = ()
-    uninstall: tuple[str, ...] = ()
-    environment: Mapping[str, str] = field(default_factory=dict)
-    python: str | None = None
-    as_of: str | None = None
+    def __bool__(self) -> bool:
+        """Return whether it changes anything."""
+        return bool(self.plain)
+
+    @property
+    def plain(self) -> dict[str, Any]:
+        """Return the change in the form of documents: only what it does."""
+        values = asdict(self).items()
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values if value}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -13,7 +13,7 @@ from enum import StrEnum
 from functools import cache, partial
 from pathlib import Path, PurePosixPath
 from pkgutil import iter_modules
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, get_args
 
 from packaging.requirements import InvalidRequirement
 from packaging.requirements import Requirement as ParsedRequirement
@@ -121,16 +121,27 @@ LONGEST_QUOTE = 200
 # --- strings with rules of their own ---------------------------------------------------------------------------
 
 
-class Word(str):
-    """A string that was checked when it was read."""
+class Checked(type):
+    """A type whose values were checked when they were read, and are plain ones from then on.
+
+    So msgspec writes them without a hook, and reads our own documents without checking them again.
+    """
+
+    def __instancecheck__(cls, value: object) -> bool:
+        """Return whether a value is of the plain type below."""
+        return isinstance(value, cls.__mro__[-2])  # the last is `object`
+
+
+class Word(str, metaclass=Checked):
+    """A string with a rule of its own."""
 
     __slots__ = ()
     reads: ClassVar[tuple[Any, ...]] = (str,)
 
     @classmethod
-    def parse(cls, plain: Any, convert: Callable[[Any, type[str]], str]) -> Self:
+    def parse(cls, plain: Any, convert: Callable[[Any, type[str]], str]) -> str:
         """Return the string as it is kept, or raise a ValueError saying what is wrong with it."""
-        return cls(cls.canonical(convert(plain, str)))
+        return cls.canonical(convert(plain, str))
 
     @classmethod
     def canonical(cls, text: str) -> str:
@@ -316,16 +327,16 @@ class VariableName(Word):
         return text
 
 
-class Variables(dict[str, str]):
+class Variables(dict[str, str], metaclass=Checked):
     """Environment variables; one set to the empty string stays unset in the cell."""
 
     reads: ClassVar[tuple[Any, ...]] = (dict[str, str],)
     reserved: ClassVar[frozenset[str]] = frozenset({"HOME", "TMPDIR"})
 
     @classmethod
-    def parse(cls, plain: Any, convert: Callable[[Any, type[dict[str, str]]], dict[str, str]]) -> Self:
+    def parse(cls, plain: Any, convert: Callable[[Any, type[dict[str, str]]], dict[str, str]]) -> dict[str, str]:
         """Return the variables, or raise a ValueError about the first name that cannot be one."""
-        read = cls(convert(plain, dict[str, str]))
+        read = convert(plain, dict[str, str])
         for name, value in read.items():
             check_variable(name)
             if "\0" in value:

@@ -228,8 +228,8 @@ def _change(cell: Cell, making: EntryInputs) -> ChangeEntry | None:
         name=tried.name,
         reason=tried.reason,
         does=(*changes.describe(tried.change), *tried.also),
-        change=changes.plain(tried.change),
-        remedy_of=tuple(str(one.id) for one, remedy in remedies if base and changes.produces(base, remedy, cell)),
+        change=tried.change.plain,
+        remedy_of=tuple(one.id for one, remedy in remedies if base and changes.produces(base, remedy, cell)),
         advice=tried.advice,
         link=tried.link,
     )
@@ -239,7 +239,7 @@ def diagnosis_entry(diagnosis: Diagnosis) -> DiagnosisEntry:
     """Return a known failure that fits as a document entry."""
     signature = diagnosis.signature
     return DiagnosisEntry(
-        signature=str(signature.id),
+        signature=signature.id,
         cause=signature.cause,
         remedy=signature.remedy.plain,
         proven=False,

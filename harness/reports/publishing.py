@@ -22,7 +22,6 @@ from harness.machine import store, this_machine
 from harness.machine.files import given_files
 from harness.machine.files.file_locks import exclusive
 from harness.machine.store import Store
-from harness.matrix import changes
 from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.model.report_types import Document, format_count
@@ -34,6 +33,7 @@ from harness.reports.tables.table_types import Report
 from harness.reports.template_files import read_template
 from harness.reports.text import author_pages, report_markdown, terminal
 from harness.running.signatures import shipped_signatures
+from harness.standalone.failures.remedies import in_words
 from harness.standalone.output import print_json
 
 FAIL_ON = ("unexpected", "stale", "inconclusive", "unavailable", "not_run")
@@ -171,7 +171,7 @@ def _suites_not_run(report: Document) -> Iterator[str]:
         yield f"tests not run in {format_count(count, 'cell')}, where the verdict is that of the cases alone: {why}"
         for diagnosis in (first.diagnoses or ())[:1]:
             yield f"  cause: {diagnosis.cause} (known as {diagnosis.signature})"
-            yield f"  remedy: {changes.in_words(diagnosis.remedy)}"
+            yield f"  remedy: {in_words(diagnosis.remedy)}"
 
 
 def place(records: Iterable[CellRecord], opened: Store, folder: Path) -> document.Locate:

@@ -24,7 +24,7 @@ def trial_fields(trial: Trial) -> dict[str, Any]:
         "verdict": judged.verdict,
         "phase": judged.phase,
         "decisive": judged.decisive,
-        "causes": tuple(str(each.signature.id) for each in judged.diagnoses),
+        "causes": tuple(each.signature.id for each in judged.diagnoses),
         "lock_sha256": record.lock_sha256,
         "key": record.key,
         "python": record.python,

@@ -173,9 +173,9 @@ def _cell(place: Path, name: str) -> Cell:
     # The question asks for the versions of the lock; `requirements` only say what that was made of.
     pins = tuple(f"{name}=={version}" for name, (version, _) in _lock(place, table.id).items())
     case = Case(
-        id=str(table.id),
+        id=table.id,
         env=table.env,
-        api=str(table.api),
+        api=table.api,
         kwargs=table.kwargs,
         checks=checks_of(table.checks),
         timeouts=table.timeouts,
@@ -187,8 +187,8 @@ def _cell(place: Path, name: str) -> Cell:
         python=table.python,
         question=Question(
             requirements=pins,
-            build_constraints=tuple(map(str, table.build_constraints)),
-            snapshot=str(read(place).snapshot),
+            build_constraints=table.build_constraints,
+            snapshot=read(place).snapshot,
         ),
         environment={},
         cases=(case,),

@@ -83,7 +83,7 @@ def gather(
     if matrix_remedies.named(matrix):
         matrix = matrix_remedies.fill(matrix, shipped_signatures.load_all())
     # Both are UTC in one form, in which texts sort as instants do (`Instant.canonical`).
-    if matrix.snapshot and str(matrix.snapshot) > now():
+    if matrix.snapshot and matrix.snapshot > now():
         say(f"{path}: snapshot: {matrix.snapshot} is still to come; these locks miss what is uploaded until then")
     expansion = _expansion(matrix, path, say, offline=offline, renew=renew)
     sources = plan.Sources(

@@ -30,7 +30,7 @@ def make_trials(cells: Sequence[Cell], assessed: Iterable[Assessed], recipes: Ca
             continue
         for diagnosis in assessment.diagnoses:
             change = diagnosis.signature.remedy.change
-            place = (str(diagnosis.signature.id), record.cell.python, record.cell.question)
+            place = (diagnosis.signature.id, record.cell.python, record.cell.question)
             if change is None or place in places:
                 continue
             trial = _apply_remedy(record.cell, diagnosis.signature, change, recipes())
@@ -47,8 +47,8 @@ def _apply_remedy(cell: Cell, signature: Signature, change: Change, recipes: Rec
         return None
     if changes.same(trial, cell):
         return None
-    tried = Tried(name=str(signature.id), reason=f"the remedy of {signature.id}", change=change, proving=True)
-    name = changes.id_of(cell, str(signature.id), change)
+    tried = Tried(name=signature.id, reason=f"the remedy of {signature.id}", change=change, proving=True)
+    name = changes.id_of(cell, signature.id, change)
     return replace(trial, id=name, base=cell.id, tried=tried, expect=None)
 
 

@@ -72,10 +72,10 @@ class Changing:
         )
         return replace(
             changes.apply(surrounded, change, self.contents.recipes),
-            id=changes.id_of(cell, str(table.name), change),
+            id=changes.id_of(cell, table.name, change),
             base=cell.id,
             tried=Tried(
-                name=str(table.name),
+                name=table.name,
                 reason=table.reason,
                 change=change,
                 also=tuple(_besides(table)),
@@ -88,7 +88,7 @@ class Changing:
 
 def _choice(table: ChangeTable) -> Choice:
     """Return the change as the value of an axis after all others, so that its additions come last."""
-    name = str(table.name)
+    name = table.name
     return Choice(axis="change", kind=Kind.BUNDLE, literal=name, text=name, label=name, changes=table)
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from packaging.version import Version
 
-from harness.matrix.matrix_types import NO_CHANGES, Changes, Chosen, Matrix, Unresolvable
+from harness.matrix.matrix_types import CONDITIONAL, NO_CHANGES, Changes, Chosen, Matrix, Unresolvable
 from harness.matrix.plan.choices import Choice, Combination
 from harness.matrix.plan.covering import Row, covering
 from harness.matrix.plan.strategies import Candidates, weight
@@ -129,8 +129,7 @@ class _Search:
 def _ruling(matrix: Matrix) -> set[str]:
     """Return the axes whose values decide whether a constraint applies."""
     tables: list[Changes] = [matrix, *(value.changes for axis in matrix.axes.values() for value in axis.values)]
-    rules = [rule for table in tables for rule in (*table.constraints, *table.overrides, *table.build_constraints)]
-    return {name for rule in rules for name in rule.when}
+    return {name for table in tables for key in CONDITIONAL for rule in getattr(table, key) for name in rule.when}
 
 
 def _is_pin(choice: Choice) -> bool:

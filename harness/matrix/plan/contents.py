@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import PurePosixPath
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
+
+from msgspec.structs import asdict
 
 from harness.matrix import overlay_recipes
 from harness.matrix.matrix_types import (
+    CONDITIONAL,
     NO_CHANGES,
     BringTable,
     CaseTable,
@@ -63,10 +66,7 @@ class _Part(NamedTuple):
     """The additions of the matrix, or of one value of an axis, to cells: strings are plain, conditions compiled."""
 
     changes: Changes
-    requirements: tuple[str, ...]
-    constraints: Rules
-    overrides: Rules
-    build_constraints: Rules
+    rules: Mapping[str, Rules]
     cases: CasesWhen
 
 
@@ -96,7 +96,7 @@ class Contents:
         self.baseline = baseline
         self.texts = sources.texts
         self.banks = sources.banks
-        self.snapshot = str(snapshot) if snapshot else None
+        self.snapshot = snapshot
         self.index = sources.index or index_settings(matrix)
         self.source = sources.project.source if sources.project else matrix.subject
         self.base = self._part(matrix, matrix.cases)
@@ -132,8 +132,8 @@ class Contents:
         }
         changes = [part.changes for part in self._parts(combination)]
         key = (
-            _distinct(chain(*(map(str, change.extras) for change in changes), *chosen[Kind.EXTRA])),
-            _distinct(chain(*(map(str, change.groups) for change in changes), *chosen[Kind.GROUP])),
+            _distinct(chain(*(change.extras for change in changes), *chosen[Kind.EXTRA])),
+            _distinct(chain(*(change.groups for change in changes), *chosen[Kind.GROUP])),
             self.suite is not None and self.suite_when.holds(combination),
         )
         if key not in self.subjects:
@@ -151,24 +151,8 @@ class Contents:
 
     def change(self, choice: Choice, table: ChangeTable, combination: Combination) -> Change:
         """Return what a `[[change]]` does to the cell of a combination; `choice` stands for the change."""
-        part = self._parts((choice,))[-1]
-
-        def holding(rules: Rules) -> tuple[str, ...]:
-            return _distinct(text for text, when in rules if when.holds(combination))
-
-        return Change(
-            requirements=part.requirements,
-            constraints=holding(part.constraints),
-            overrides=holding(part.overrides),
-            build_constraints=holding(part.build_constraints),
-            build_variables=dict(table.build_variables),
-            only_binary=_distinct(map(str, table.only_binary)),
-            overlay=_distinct(map(str, table.overlay)),
-            uninstall=_distinct(map(str, table.uninstall)),
-            environment=dict(table.environment),
-            python=str(table.python) if table.python else None,
-            as_of=str(table.as_of) if table.as_of else None,
-        )
+        plain = {name: getattr(table, name) for name in Change.__struct_fields__}
+        return Change(**plain | _holding(self._parts((choice,))[-1:], combination))
 
     def cases(self, combination: Combination) -> tuple[Case, ...]:
         """Return the cases that exist in a combination; there may be none."""
@@ -212,27 +196,23 @@ class Contents:
         parts = self._parts(combination)
         packages = [choice for choice in combination if choice.kind is Kind.PACKAGE]
         absent = tuple(choice.axis for choice in packages if choice.text == ABSENT)
-        requirements = [text for part in parts for text in part.requirements if required_name(text) not in absent]
+        requirements = [
+            text for part in parts for text in part.changes.requirements if required_name(text) not in absent
+        ]
         pins = [f"{choice.axis}=={choice.text}" for choice in packages if choice.text != ABSENT]
-
-        def holding(rules: Iterable[Rules]) -> tuple[str, ...]:
-            return _distinct(text for each in rules for text, when in each if when.holds(combination))
-
         question = Question(
             requirements=_distinct([*requirements, *pins]),
-            constraints=holding(part.constraints for part in parts),
-            overrides=holding(part.overrides for part in parts),
-            build_constraints=holding(part.build_constraints for part in parts),
+            **_holding(parts, combination),
             build_variables=_merged(part.changes.build_variables for part in parts),
-            only_binary=_distinct(str(name) for part in parts for name in part.changes.only_binary),
+            only_binary=_distinct(name for part in parts for name in part.changes.only_binary),
             absent=absent,
             resolution=self.matrix.resolution,
             prerelease=self.matrix.prerelease,
             index=self.index,
-            torch_backend=str(self.matrix.torch_backend or "cpu"),
+            torch_backend=self.matrix.torch_backend or "cpu",
             snapshot=self.snapshot,
         )
-        names = _distinct(str(name) for part in parts for name in part.changes.overlay)
+        names = _distinct(name for part in parts for name in part.changes.overlay)
         with locate_errors(self.matrix.path, "overlay"):
             return replace(
                 question, overlay=overlay_recipes.fitting(overlay_recipes.find_repairs(self.recipes, names), question)
@@ -246,20 +226,20 @@ class Contents:
         return Surroundings(
             environment={**_merged(change.environment for change in changes), **variables},
             needs=_distinct(need.value for change in changes for need in change.needs),
-            system=_distinct(str(name) for change in changes for name in change.system),
+            system=_distinct(name for change in changes for name in change.system),
             files={
                 path: self.texts[content.source] if isinstance(content, SourceTable) else content
                 for path, content in files.items()
             },
-            empty=_distinct(str(name) for change in changes for name in change.empty),
-            python_path=_distinct(str(folder) for change in changes for folder in change.python_path),
+            empty=_distinct(name for change in changes for name in change.empty),
+            python_path=_distinct(folder for change in changes for folder in change.python_path),
             bring=tuple(_bring(name, table) for name, table in self._brought(changes).items()),
         )
 
     def _brought(self, changes: Iterable[Changes]) -> dict[str, BringTable]:
         """Return what the user has to supply for a cell. Raises BadInput if one variable names two things."""
-        tables = {str(name): table for change in changes for name, table in change.bring.items()}
-        variables = [str(table.variable) for table in tables.values()]
+        tables: dict[str, BringTable] = {name: table for change in changes for name, table in change.bring.items()}
+        variables = [table.variable for table in tables.values()]
         twice = next((one for one in variables if variables.count(one) > 1), None)
         if twice:
             message = f'{self.matrix.path}: bring: "{twice}" names two things; give each a variable of its own'
@@ -286,16 +266,13 @@ class Contents:
     def _part(self, changes: Changes, cases: Iterable[CaseTable]) -> _Part:
         return _Part(
             changes=changes,
-            requirements=tuple(map(str, changes.requirements)),
-            constraints=self._rules(changes.constraints),
-            overrides=self._rules(changes.overrides),
-            build_constraints=self._rules(changes.build_constraints),
+            rules={name: self._rules(getattr(changes, name)) for name in CONDITIONAL},
             cases=tuple((self._case(table), self._when(table)) for table in cases),
         )
 
     def _case(self, table: CaseTable) -> Case:
         """Return a case; the modules of the subject may register its environment."""
-        bank = self.banks[str(table.bank)][0] if table.bank else None
+        bank = self.banks[table.bank][0] if table.bank else None
         return replace(_case(table), packages=(SELF,) if self.matrix.subject and table.env else (), bank=bank)
 
     def _when(self, table: CaseTable) -> Condition | _InBaseline:
@@ -307,30 +284,23 @@ class Contents:
 
 
 def _bring(name: str, table: BringTable) -> Bring:
-    return Bring(
-        name=str(name),
-        variable=str(table.variable),
-        say=table.say,
-        source=table.source,
-        python_path=tuple(map(str, table.python_path)),
-    )
+    return Bring(name=name, **asdict(table))
 
 
 def _colours(table: PictureTable) -> dict[str, str]:
-    never = {"never": str(table.never)} if table.never else {}
-    return {"above": str(table.above), "below": str(table.below), **never}
+    return {name: colour for name, colour in asdict(table).items() if colour}
 
 
 def _case(table: CaseTable) -> Case:
     api = api_of(table.env, table.api)
     return Case(
-        id=str(table.id or case_id(table.env, table.imports)),
+        id=table.id or case_id(table.env, table.imports),
         env=table.env,
         api=api if api and table.env else "",
         kwargs=table.kwargs,
         checks=checks_of(table.checks) if table.env else (IMPORT_CHECK,),
         required=table.required,
-        imports=tuple(map(str, table.imports)),
+        imports=table.imports,
         timeouts={Phase(phase): seconds for phase, seconds in table.timeouts.items()},
         picture=_colours(table.picture) if table.picture else None,
         steps=table.steps,
@@ -340,14 +310,17 @@ def _case(table: CaseTable) -> Case:
 
 
 def _suite(table: SuiteTable) -> Suite:
-    return Suite(
-        arguments=table.arguments,
-        requirements=tuple(map(str, table.requirements)),
-        extras=tuple(map(str, table.extras)),
-        groups=tuple(map(str, table.groups)),
-        seconds=table.timeout,
-        memory_mb=table.memory_mb,
-    )
+    values = asdict(table)
+    del values["when"]
+    return Suite(seconds=values.pop("timeout"), **values)
+
+
+def _holding(parts: Sequence[_Part], combination: Combination) -> dict[str, Any]:
+    """Return the conditional requirements of parts that hold in a combination, by the key of their list."""
+    return {
+        name: _distinct(text for part in parts for text, when in part.rules[name] if when.holds(combination))
+        for name in CONDITIONAL
+    }
 
 
 def _distinct(items: Iterable[str]) -> tuple[str, ...]:

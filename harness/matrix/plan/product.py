@@ -60,12 +60,12 @@ def make_plan(sources: Sources) -> Plan:
             *_unused_cases(matrix, cells, contents.places(chain.from_iterable(axes.values()))),
         ),
         axes=tuple(matrix.axes),
-        shown=tuple(map(str, matrix.shown)),
+        shown=matrix.shown,
         snapshot=contents.snapshot,
         pivot=matrix.pivot,
         title=matrix.title,
         variants=variants,
-        page=sources.texts[str(matrix.page)] if matrix.page else None,
+        page=sources.texts[matrix.page] if matrix.page else None,
         banks=dict(sources.banks.values()),
     )
 

@@ -8,12 +8,13 @@ from collections.abc import Iterable, Sequence
 from harness.judging.assess import Assessed
 from harness.judging.counted_phases import reason
 from harness.judging.exercised import ONLY_IMPORT, OWN, exercised, idle, import_fact, lacking
-from harness.matrix import changes, overlay_recipes
+from harness.matrix import overlay_recipes
 from harness.matrix.signatures import Signature
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
 from harness.model.report_types import word
 from harness.model.vocabulary import FAMILY, SELF, required_name
 from harness.reports.tables import tables
+from harness.standalone.failures.remedies import in_words
 from harness.standalone.failures.silent import PREFIX
 
 MOST_NAMES = 8
@@ -104,7 +105,7 @@ def _versions(record: CellRecord, names: Sequence[str]) -> str:
 def _describe_failure(failure: Signature) -> Iterable[str]:
     """Yield cause, remedy and a reference of a known failure; a mask is shown as hiding the cause."""
     yield f"{'hides why' if failure.masks else 'cause'}: {failure.cause}"
-    yield f"remedy: {changes.in_words(failure.remedy.plain)}"
+    yield f"remedy: {in_words(failure.remedy.plain)}"
     yield from (f"see: {reference}" for reference in failure.references[:1])
 
 

@@ -13,7 +13,6 @@ from typing import Any
 
 from packaging.utils import canonicalize_name
 
-from harness.matrix import changes
 from harness.model import FAILING, Case, Cell, Outcome, Phase
 from harness.model.report_types import CellEntry, DiagnosisEntry, word
 from harness.model.vocabulary import required_name
@@ -24,6 +23,7 @@ from harness.reports.tables.counted_failures import counted
 from harness.reports.tables.tables import settings
 from harness.reports.text.markdown_texts import address, block, code, prose, table_cell
 from harness.standalone.control_characters import strip_controls
+from harness.standalone.failures import remedies
 
 LONGEST = 60
 """Lines of a traceback that are quoted, the last ones."""
@@ -130,7 +130,7 @@ def _describe_cause(failing: Failing) -> Iterator[str]:
 
 
 def _remedy(diagnosis: DiagnosisEntry) -> str:
-    return f"With this change alone, and all else as below, it works (measured): {changes.in_words(diagnosis.remedy)}"
+    return f"With this change alone, and all else as below, it works (measured): {remedies.in_words(diagnosis.remedy)}"
 
 
 # --- versions --------------------------------------------------------------------------------------------------

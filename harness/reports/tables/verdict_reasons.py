@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from harness.matrix import changes
 from harness.model import Verdict
 from harness.model.cellid import CellId
 from harness.model.report_types import CellEntry, word
 from harness.reports.tables import change_effects
 from harness.reports.tables.counted_failures import counted
 from harness.reports.tables.table_types import Attempt, Cause, Effect, Explanation
+from harness.standalone.failures.remedies import in_words
 from harness.standalone.failures.silent import PREFIX, plainly_good
 
 NOTHING = "-"
@@ -53,7 +53,7 @@ def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Ca
         yield Cause(
             signature=diagnosis.signature,
             cause=diagnosis.cause,
-            remedy=changes.in_words(diagnosis.remedy),
+            remedy=in_words(diagnosis.remedy),
             applicable=any(key != "text" for key in diagnosis.remedy),
             proofs=tuple((CellId.parse(proof).label, locks.get(proof, "")) for proof in dict.fromkeys(proofs)),
             references=diagnosis.references,
@@ -66,7 +66,7 @@ def describe_cause(cell: CellEntry) -> dict[str, Any]:
     if deepest is None:
         return {}
     proof = f" (proven by {CellId.parse(deepest.proof).label})" if deepest.proof else ""
-    remedy = changes.in_words(deepest.remedy) + proof
+    remedy = in_words(deepest.remedy) + proof
     return {"cause": deepest.cause, "remedy": remedy, "proven": deepest.proven, "known": deepest.signature}
 
 

@@ -126,7 +126,7 @@ def _diagnoses(troubles: Mapping[str, Sequence[egl_advice.Library]]) -> Iterable
             for diagnosis in matching.diagnose(
                 shipped_signatures.load_all(), evidence, matching.Around(installed=installed)
             ):
-                diagnoses.setdefault(str(diagnosis.signature.id), document.diagnosis_entry(diagnosis))
+                diagnoses.setdefault(diagnosis.signature.id, document.diagnosis_entry(diagnosis))
     return diagnoses.values()
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from enum import StrEnum
+from functools import reduce
 from typing import Any
 
+from msgspec.structs import asdict, replace
 from packaging.requirements import Requirement as ParsedRequirement
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
-from harness.matrix import changes
 from harness.model import Cell, Change
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.standalone.failures.matching import Diagnosis
@@ -63,67 +64,41 @@ REPLACING = ("requirements", "constraints", "overrides", "build_constraints")
 
 def merge_changes(first: Change, other: Change) -> Change:
     """Return both changes as one. If they disagree, the other one wins."""
-    values: dict[str, Any] = {}
-    for each in fields(Change):
-        old, new = getattr(first, each.name), getattr(other, each.name)
-        if each.name in REPLACING:
+    values = asdict(first)
+    for name, new in asdict(other).items():
+        old = values[name]
+        if name in REPLACING:
             names = set(map(required_name, new))
-            values[each.name] = (*(line for line in old if required_name(line) not in names), *new)
+            values[name] = (*(line for line in old if required_name(line) not in names), *new)
         elif isinstance(old, tuple):
-            values[each.name] = tuple(dict.fromkeys((*old, *new)))
-        elif isinstance(old, Mapping):
-            values[each.name] = {**old, **new}
+            values[name] = tuple(dict.fromkeys((*old, *new)))
         else:
-            values[each.name] = new or old
+            values[name] = {**old, **new} if isinstance(old, dict) else new or old
     return Change(**values)
 
 
 def parts(change: Change) -> tuple[Change, ...]:
     """Return the smallest changes that a change consists of."""
     pieces: list[Change] = []
-    for each in fields(Change):
-        value = getattr(change, each.name)
-        single: Iterable[Any] = ()
+    for name, value in asdict(change).items():
+        single: Iterable[Any] = [value] if value else ()
         if isinstance(value, tuple):
             single = [(line,) for line in value]
-        elif isinstance(value, Mapping):
-            single = [{name: text} for name, text in value.items()]
-        elif value:
-            single = [value]
-        pieces += [Change(**{each.name: one}) for one in single]
+        elif isinstance(value, dict):
+            single = [{key: text} for key, text in value.items()]
+        pieces += [Change(**{name: one}) for one in single]
     return tuple(pieces)
-
-
-def kinds(change: Change) -> tuple[Change, ...]:
-    """Return one change for each kind that a change has: all of its constraints, all of its variables, ..."""
-    groups = (
-        Change(**{each.name: getattr(change, each.name)}) for each in fields(Change) if getattr(change, each.name)
-    )
-    return tuple(groups)
 
 
 def of_parts(pieces: Iterable[Change]) -> Change:
     """Return the change that consists of these parts."""
-    change = Change()
-    for part in pieces:
-        change = merge_changes(change, part)
-    return change
+    return reduce(merge_changes, pieces, Change())
 
 
 def without(change: Change, part: Change) -> Change:
     """Return the change without some of its parts."""
     gone = parts(part)
     return of_parts(one for one in parts(change) if one not in gone)
-
-
-def in_words(change: Change) -> str:
-    """Return the effect of a change in a few words."""
-    return "; ".join(changes.describe(change)) or "nothing"
-
-
-def empty(change: Change) -> bool:
-    """Return whether it changes nothing."""
-    return change == Change()
 
 
 # --- what the user asked for -----------------------------------------------------------------------------------

@@ -60,7 +60,7 @@ class Lab:
 
     def cell(self, change: Change) -> Cell:
         """Return the cell with a change. Raises ValueError if no recipe repairs a package of its overlay."""
-        if candidate_changes.empty(change):
+        if not change:
             return self.base
         changed_cell = changes.apply(self.base, change, self.recipes)
         tried = Tried(name="repair", reason="a remedy is looked for", change=change, proving=True)
@@ -121,7 +121,7 @@ class Lab:
 
 
 def _id(cell: Cell, change: Change) -> str:
-    digest = cellid.digest(repr(sorted(changes.plain(change).items())))
+    digest = cellid.digest(repr(sorted(change.plain.items())))
     return changes.id_of(cell, f"repair-{digest}", change)
 
 

@@ -120,7 +120,7 @@ class Narrowing:
             self.lab.prepare(*(merge_changes(self.rest, each) for each in wanted))
 
         answers = {0: [Answer.GOOD]}
-        if candidate_changes.empty(others) and not suspect.required:
+        if not others and not suspect.required:
             answers[len(line) - 1] = [Answer.BAD]  # that is what failed
         for place in _likely(line):
             answers[place] = [test(line[place])]

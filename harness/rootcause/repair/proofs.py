@@ -122,7 +122,7 @@ def document(lab: Lab, repaired: RepairResult, command: str) -> RepairDocument:
         decisive=before.assessed.decisive,
         causes=tuple(
             CauseEntry(
-                signature=str(one.signature.id),
+                signature=one.signature.id,
                 cause=one.signature.cause,
                 masks=one.signature.masks,
                 references=one.signature.references,
@@ -152,7 +152,7 @@ def _run(number: int, run: Run) -> RunEntry:
         number=number,
         why=run.why,
         does=changes.describe(plain),
-        change=changes.plain(plain),
+        change=plain.plain,
         guarded=guarded,
         until=run.until,
         ended=describe_result(run.trial, run.until),
@@ -167,7 +167,7 @@ def _remedy(lab: Lab, repaired: RepairResult) -> RemedyEntry:
         way=str(repaired.way),
         why=repaired.why,
         does=changes.describe(change),
-        change=changes.plain(change),
+        change=change.plain,
         moved=repaired.moved,
         parts=tuple(_part(lab, one) for one in repaired.parts),
         necessary=all(one.without is not None for one in repaired.parts),
@@ -182,7 +182,7 @@ def _remedy(lab: Lab, repaired: RepairResult) -> RemedyEntry:
 def _part(lab: Lab, part: Part) -> PartEntry:
     return PartEntry(
         does=changes.describe(part.change),
-        change=changes.plain(part.change),
+        change=part.change.plain,
         necessary=True if part.without else None,
         without=_number(lab, part.without) if part.without else None,
     )

@@ -31,6 +31,7 @@ from harness.rootcause.repair.lab import (
 from harness.rootcause.repair.narrowing import Narrowing
 from harness.rootcause.repair.stages import STAGES, Place
 from harness.rootcause.search import Answer
+from harness.standalone.failures.remedies import in_words
 
 DEEPEST = 4
 """Changes on top of each other, each for a failure that showed behind the one before."""
@@ -237,12 +238,10 @@ class Search:
         broad_change = cure.move.change
         if cure.move.way not in {Way.DATE, Way.LOCK, Way.BUILDS}:
             broad_change = Change(as_of=cure.change.as_of)
-        if candidate_changes.empty(broad_change):
+        if not broad_change:
             return None
         rest = candidate_changes.without(cure.change, broad_change)
-        failing = (
-            self.before if candidate_changes.empty(stages.unguarded(rest)) else self.lab.measure(rest, "without it")
-        )
+        failing = self.lab.measure(rest, "without it") if stages.unguarded(rest) else self.before
         if failing.failure is None:
             return None
         tools = stages.tools(failing.cell, cure.change, offline=self.lab.settings.offline)
@@ -308,14 +307,14 @@ class Search:
         whole = candidate_changes.parts(cure.change)
         needed = search.minimise(whole, self._keeping).items if len(whole) > 1 else whole
         if needed is not None and len(needed) < len(whole):
-            spare = [candidate_changes.in_words(part) for part in whole if part not in needed]
+            spare = [in_words(part.plain) for part in whole if part not in needed]
             more = f" and {len(spare) - FEW} more" if len(spare) > FEW else ""
             self.notes.append(f"not needed: {'; '.join(spare[:FEW])}{more}")
             cure.change = candidate_changes.of_parts(part for part in whole if part in needed)
             cure.trial = self.lab.measure(cure.change, "the parts that are needed")
         parts = []
         for part in candidate_changes.parts(cure.change):
-            rest, why = candidate_changes.without(cure.change, part), f"without {candidate_changes.in_words(part)}"
+            rest, why = candidate_changes.without(cure.change, part), f"without {in_words(part.plain)}"
             trial = self.lab.measure(rest, why)
             parts.append(Part(change=part, without=trial if trial.bad else None))
         cure.parts = tuple(parts)

@@ -19,6 +19,7 @@ from harness.model.report_types import CellEntry, Document
 from harness.reports import document, publishing
 from harness.reports.tables import change_effects, tables
 from harness.reports.tables.table_types import Effect
+from harness.standalone.failures import remedies
 
 MATRIX = """
 requirements = ["gymnasium[mujoco]"]
@@ -292,8 +293,8 @@ def test_a_change_in_words() -> None:
         "install `a<2`, `b`", "override `c<3`", "remove `d`", "set `E=1`", "unset `F`", "Python 3.10",
         "resolved as of 2024-01-01T00:00:00Z",
     )  # fmt: skip
-    assert changes.in_words({"build_constraints": ["x<1"], "text": "Or wait."}) == "build with `x<1`. Or wait."
-    assert changes.in_words({"text": "Wait."}) == "Wait."
+    assert remedies.in_words({"build_constraints": ["x<1"], "text": "Or wait."}) == "build with `x<1`. Or wait."
+    assert remedies.in_words({"text": "Wait."}) == "Wait."
 
 
 # --- what came of it -------------------------------------------------------------------------------------------
