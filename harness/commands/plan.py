@@ -8,7 +8,7 @@ import msgspec
 
 from harness.commands.select_cells import choose
 from harness.machine.console import tell
-from harness.model import Cell, Plan
+from harness.model import Cell, Dropped, Plan
 from harness.model.report_types import format_count
 from harness.reports.answers import misspelt
 from harness.running import open_matrix
@@ -28,21 +28,13 @@ class PlannedCell(msgspec.Struct, frozen=True, kw_only=True):
     expected: str
 
 
-class DroppedCell(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Combinations that are not run: `id` is that of one, or a pattern that stands for `count` of them."""
-
-    id: str
-    reason: str
-    count: int = 1
-
-
 class Planned(msgspec.Struct, frozen=True, kw_only=True):
     """The document of `plan --json`."""
 
     schema: int = 1
     matrix: str
     cells: tuple[PlannedCell, ...]
-    dropped: tuple[DroppedCell, ...]
+    dropped: tuple[Dropped, ...]
     stale: tuple[str, ...]
 
 
@@ -90,6 +82,6 @@ def _document(plan: Plan, cells: tuple[Cell, ...]) -> Planned:
             )
             for cell in cells
         ),
-        dropped=tuple(DroppedCell(id=gone.id, reason=gone.reason, count=gone.count) for gone in plan.dropped),
+        dropped=plan.dropped,
         stale=plan.stale,
     )

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Protocol
 
 from harness.model import Cell, Expectation, Observed, Outcome, Phase, Verdict
-from harness.model.report_types import SEVERITY, UNTOLD, ExpectationEntry
+from harness.model.report_types import SEVERITY, UNTOLD
 from harness.model.words import contains as observes
 from harness.model.words import sentence_pattern
 from harness.standalone.failures.silent import plainly_good
@@ -46,7 +46,7 @@ def expected(cell: Cell, judged: Judged, today: str, names: Names) -> tuple[bool
     return met(cell.expect, judged, names) if judgeable else None, stale
 
 
-def met(expect: Expectation | ExpectationEntry | None, judged: Judged, names: Names) -> bool | None:
+def met(expect: Expectation | None, judged: Judged, names: Names) -> bool | None:
     """Return whether a verdict is what was expected; None where it says nothing about the packages."""
     if judged.verdict in UNTOLD:
         return None
@@ -61,7 +61,7 @@ def met(expect: Expectation | ExpectationEntry | None, judged: Judged, names: Na
     )
 
 
-def says(expect: Expectation | ExpectationEntry, line: str | None, seen: Observed | None) -> bool:
+def says(expect: Expectation, line: str | None, seen: Observed | None) -> bool:
     """Return whether a line and the observation behind it are as expected. Old documents have the line alone."""
     if expect.code is not None and seen is not None:
         return observes(expect.code, expect.data, seen)
@@ -77,7 +77,7 @@ def fulfilled(verdict: Verdict, phases: Mapping[Phase, Outcome], unverified: Ite
     return plainly_good(verdict, unverified) or (verdict is Verdict.NOT_RUN and imports)
 
 
-def outdated(cell_id: str, verdict: Verdict, expect: Expectation | ExpectationEntry, today: str) -> str | None:
+def outdated(cell_id: str, verdict: Verdict, expect: Expectation, today: str) -> str | None:
     """Return why the expectation of a cell is stale: the cell does better, or its time has passed."""
     if verdict not in UNTOLD and SEVERITY.index(verdict) > SEVERITY.index(expect.verdict):
         return f"{cell_id} does better than expected: {verdict} instead of {expect.verdict}"
@@ -86,7 +86,7 @@ def outdated(cell_id: str, verdict: Verdict, expect: Expectation | ExpectationEn
     return None
 
 
-def passed(expect: Expectation | ExpectationEntry, today: str) -> bool:
+def passed(expect: Expectation, today: str) -> bool:
     """Return whether the last day of an expectation is over."""
     # Dates of this form compare as texts; without a `today`, its empty text is before every day.
     return bool(expect.until) and today[:10] > str(expect.until)[:10]

@@ -19,10 +19,8 @@ from harness.matrix.matrix_types import (
     CONDITIONAL,
     Axis,
     CaseTable,
-    ChangedTable,
     Changes,
     ChangeTable,
-    ExpectTable,
     IncludeTable,
     Matrix,
     MatrixTable,
@@ -30,7 +28,7 @@ from harness.matrix.matrix_types import (
     Value,
 )
 from harness.matrix.strategy import Strategy
-from harness.model import CELL_PHASES, Phase, Verdict, requirement_texts
+from harness.model import CELL_PHASES, Expectation, Phase, Verdict, requirement_texts
 from harness.model.errors import BadInput
 from harness.model.schema import key_path, load_toml, locate_errors, suggestion
 from harness.model.vocabulary import (
@@ -373,7 +371,7 @@ def _check_change(change: ChangeTable) -> None:
         raise ValueError(message)
 
 
-def _check_expect(matrix: Matrix, expected: ExpectTable | ChangedTable) -> None:
+def _check_expect(matrix: Matrix, expected: Expectation) -> None:
     phases = (*CELL_PHASES, Phase.BEHAVE, Phase.INTEROP, *((Phase.SUITE,) if matrix.suite else ()))
     message = None
     if expected.verdict not in EXPECTABLE:

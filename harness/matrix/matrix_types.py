@@ -12,10 +12,11 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from msgspec import UNSET, Meta, Struct, UnsetType, field
 
 from harness.matrix.strategy import FULL, Strategy
-from harness.model import Phase, Verdict, cellid
+from harness.model import Expectation, IndexSettings, Verdict, cellid
 from harness.model.vocabulary import (
     Api,
     Capability,
+    Checked,
     CheckName,
     Colour,
     FindingName,
@@ -27,7 +28,6 @@ from harness.model.vocabulary import (
     ModuleName,
     PackageName,
     PackageSelector,
-    Pattern,
     PythonVersion,
     Requirement,
     Rule,
@@ -44,31 +44,22 @@ class Table(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A table of the file; keys that it does not have are refused."""
 
 
-class IndexTable(Table, frozen=True, kw_only=True):
-    """The places that packages come from; without this table, the user's own uv and pip settings apply."""
-
-    default: str | None = None
-    extra: tuple[str, ...] = ()
-    find_links: tuple[str, ...] = ()
-    no_index: bool = False
-
-
 class SourceTable(Table, frozen=True, kw_only=True):
     """A file whose text is read from beside the matrix file."""
 
     source: Annotated[InnerPath, Meta(description="path, relative to the folder of the matrix file")]
 
 
-class Files(dict[str, str | SourceTable]):
+class Files(dict[str, str | SourceTable], metaclass=Checked):
     """Files by their path inside the cell's HOME: each is a text, or the place of a text."""
 
     reads: ClassVar[tuple[Any, ...]] = (dict[str, str | SourceTable],)
 
     @classmethod
-    def parse(cls, plain: Any, convert: Callable[[Any, Any], Any]) -> Self:
+    def parse(cls, plain: Any, convert: Callable[[Any, Any], Any]) -> dict[str, str | SourceTable]:
         """Return the files, or raise a ValueError about the first path that leaves HOME."""
         read = convert(plain, dict[str, str | SourceTable])
-        return cls({InnerPath.canonical(path): content for path, content in read.items()})
+        return {InnerPath.canonical(path): content for path, content in read.items()}
 
 
 class ConditionalTable(Table, frozen=True, kw_only=True):
@@ -330,24 +321,14 @@ class IncludeTable(Table, frozen=True, kw_only=True):
     reason: Annotated[str, Meta(min_length=1)]
 
 
-class ExpectTable(Table, frozen=True, kw_only=True):
+class ExpectTable(Expectation, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """An expected result of some cells; the first entry that fits a cell applies."""
 
-    verdict: Verdict
     reason: Annotated[str, Meta(min_length=1)]
     cells: Annotated[
         str | None, Meta(description="glob on the cell's id or on its label; with `_with-` in it, also of changed ones")
     ] = None
-    when: When = {}
-    phase: Annotated[Phase | None, Meta(description="the first phase that fails")] = None
-    match: Annotated[Pattern | None, Meta(description="regular expression on the decisive line")] = None
-    code: Annotated[str | None, Meta(description="what a check observes, instead of a match")] = None
-    data: Annotated[dict[str, Any], Meta(description="of it: expressions for whole values, or tables of them")] = field(
-        default_factory=dict
-    )
-    signature: Annotated[str | None, Meta(description="a known failure that it is")] = None
-    link: str | None = None
-    until: Instant | None = None
+    when: When = field(default_factory=dict)
 
     @property
     def of_changed(self) -> bool:
@@ -355,20 +336,11 @@ class ExpectTable(Table, frozen=True, kw_only=True):
         return not self.when and self.cells is not None and cellid.of_changed(self.cells)
 
 
-class ChangedTable(Table, frozen=True, kw_only=True):
+class ChangedTable(Expectation, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The expected result of cells once they are changed."""
 
     verdict: Verdict = Verdict.WORKS
-    reason: Annotated[str | None, Meta(description="by default that of the change")] = None
-    phase: Annotated[Phase | None, Meta(description="the first phase that fails")] = None
-    match: Annotated[Pattern | None, Meta(description="regular expression on the decisive line")] = None
-    code: Annotated[str | None, Meta(description="what a check observes, instead of a match")] = None
-    data: Annotated[dict[str, Any], Meta(description="of it: expressions for whole values, or tables of them")] = field(
-        default_factory=dict
-    )
-    signature: Annotated[str | None, Meta(description="a known failure that it is")] = None
-    link: str | None = None
-    until: Instant | None = None
+    reason: Annotated[str, Meta(description="by default that of the change")] = ""
 
 
 class ChangeTable(Changes, frozen=True, kw_only=True):
@@ -416,7 +388,7 @@ class MatrixTable(Changes, frozen=True, kw_only=True):
         "if-necessary-or-explicit"
     )
     torch_backend: Annotated[TorchBackend | None, Meta(description="uv's; a CPU build by default")] = None
-    index: IndexTable = IndexTable()
+    index: IndexSettings = IndexSettings()
     shown: Annotated[tuple[PackageName, ...], Meta(description="packages whose version tables show")] = ()
     pivot: Annotated[
         tuple[str, str] | None, Meta(description="axes of the small table, down and across; default: two that vary")

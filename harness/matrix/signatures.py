@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
-from msgspec import Meta, field
+from msgspec import Meta, convert, field
 from msgspec.structs import asdict
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 
@@ -109,7 +109,7 @@ class RemedyTable(Change, frozen=True, kw_only=True, forbid_unknown_fields=True)
     @property
     def change(self) -> Change | None:
         """Return the part of the remedy that a machine can apply; None if there is none."""
-        return Change(**{name: getattr(self, name) for name in Change.__struct_fields__}) or None
+        return convert(self, Change, from_attributes=True) or None
 
 
 class VerifiedTable(Table, frozen=True, kw_only=True):

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from harness.model import Level, Outcome, Phase, Role, Verdict
+from harness.model import Brought, Dropped, Expectation, Level, Outcome, Phase, Role, Verdict
 from harness.model.cellid import CellId
 
 SEVERITY = (
@@ -141,20 +141,6 @@ class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
     behaviour: BehaviourEntry | msgspec.UnsetType = msgspec.UNSET
 
 
-class ExpectationEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The result that the matrix expects of a cell."""
-
-    verdict: Verdict
-    reason: str
-    phase: Phase | None = None
-    match: str | None = None
-    code: str | None = None
-    data: dict[str, Any] = {}
-    signature: str | None = None
-    link: str | None = None
-    until: str | None = None
-
-
 class SubjectEntry(msgspec.Struct, frozen=True, kw_only=True):
     """The package under test: the state of its source, and the wheel that was measured, if one was made.
 
@@ -190,15 +176,6 @@ class RepairEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True)
     sdist_sha256: str | msgspec.UnsetType = msgspec.UNSET
     wheel_sha256: str
     build: tuple[str, ...]
-
-
-class BroughtEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """Software that the user supplied: `mark` hashes its content, `changed` is whether it differs from the commit."""
-
-    name: str
-    mark: str
-    commit: str | None
-    changed: bool
 
 
 class SuiteEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -311,11 +288,11 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     diagnoses: tuple[DiagnosisEntry, ...]
     evidence: str | None
     phase: Phase | None = None
-    expectation: ExpectationEntry | None = None
+    expectation: Expectation | None = None
     requirements: tuple[str, ...] = ()
     asked: str = ""
     subject: SubjectEntry | None = None
-    brought: tuple[BroughtEntry, ...] | msgspec.UnsetType = msgspec.UNSET
+    brought: tuple[Brought, ...] | msgspec.UnsetType = msgspec.UNSET
     empty: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
     suite: SuiteEntry | None = None
     controls: dict[str, ControlEntry] | msgspec.UnsetType = msgspec.UNSET
@@ -331,14 +308,6 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def observed(self) -> None:
         """Return the observation behind the line that says why: a document has the line alone."""
-
-
-class DroppedEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """Combinations that are not run, and why: `id` is one id, or a pattern that stands for `count` of them."""
-
-    id: str
-    reason: str
-    count: int = 1
 
 
 class MatrixEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -361,7 +330,7 @@ class Document(msgspec.Struct, frozen=True, kw_only=True):
     generated: str
     machines: dict[str, dict[str, Any]]
     cells: tuple[CellEntry, ...]
-    dropped: tuple[DroppedEntry, ...]
+    dropped: tuple[Dropped, ...]
     matrices: dict[str, MatrixEntry] = {}
     stale: tuple[str, ...] = ()
     probes: dict[str, str] = {}

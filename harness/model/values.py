@@ -21,11 +21,20 @@ if TYPE_CHECKING:
     Instant = str
     PackageName = str
     PackageSelector = str
+    Pattern = str
     PythonVersion = str
     Requirement = str
     Variables = Mapping[str, str]
 else:
-    from harness.model.vocabulary import Instant, PackageName, PackageSelector, PythonVersion, Requirement, Variables
+    from harness.model.vocabulary import (
+        Instant,
+        PackageName,
+        PackageSelector,
+        Pattern,
+        PythonVersion,
+        Requirement,
+        Variables,
+    )
 
 
 class Phase(StrEnum):
@@ -167,27 +176,25 @@ class Case:
     memory_mb: int = 6000
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Expectation:
-    """The expected result of a cell; `match` is a regular expression on the decisive line.
+class Expectation(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The expected result of a cell.
 
-    `code` and `data` stand in its place where that line is a sentence of ours; see `model.words`.
+    `code` and `data` stand in the place of `match` where the decisive line is a sentence of ours; see `model.words`.
     """
 
     verdict: Verdict
     reason: str
-    phase: Phase | None = None
-    match: str | None = None
-    code: str | None = None
-    data: Mapping[str, Any] = field(default_factory=dict, hash=False)
-    signature: str | None = None
+    phase: Annotated[Phase | None, Meta(description="the first phase that fails")] = None
+    match: Annotated[Pattern | None, Meta(description="regular expression on the decisive line")] = None
+    code: Annotated[str | None, Meta(description="what a check observes, instead of a match")] = None
+    data: Annotated[dict[str, Any], Meta(description="of it: expressions for whole values, or tables of them")] = {}
+    signature: Annotated[str | None, Meta(description="a known failure that it is")] = None
     link: str | None = None
-    until: str | None = None
+    until: Instant | None = None
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class IndexSettings:
-    """The places that a matrix takes packages from; empty means the user's own uv and pip settings."""
+class IndexSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The places that packages come from; without any, the user's own uv and pip settings apply."""
 
     default: str | None = None
     extra: tuple[str, ...] = ()
@@ -243,7 +250,7 @@ class Question:
     absent: tuple[str, ...] = ()
     resolution: str = "highest"
     prerelease: str = "if-necessary-or-explicit"
-    index: IndexSettings = IndexSettings()
+    index: IndexSettings = field(default_factory=IndexSettings)
     torch_backend: str = "cpu"
     snapshot: str | None = None
     overlay: tuple[Repair, ...] = ()
@@ -297,8 +304,7 @@ class Bring:
     python_path: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Brought:
+class Brought(Struct, frozen=True, kw_only=True):
     """Software that the user supplied, in the state in which a cell was measured: `mark` is a hash of its content."""
 
     name: str
@@ -388,8 +394,7 @@ class Cell:
         return CellId.parse(self.id).label
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Dropped:
+class Dropped(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Combinations that are not run, and why: `id` is that of one, or a pattern that stands for `count` of them."""
 
     id: str

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
-from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from hashlib import sha256
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
@@ -37,16 +37,13 @@ from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.model.report_types import (
     REPAIR,
-    BroughtEntry,
     CaseEntry,
     CellEntry,
     ChangeEntry,
     ControlEntry,
     DiagnosisEntry,
     Document,
-    DroppedEntry,
     EditEntry,
-    ExpectationEntry,
     FindingEntry,
     MatrixEntry,
     RepairEntry,
@@ -95,9 +92,7 @@ def build(  # noqa: PLR0913 - all that a document is made of
         generated=generated,
         machines={name: dict(facts) for name, facts in sorted(machines.items())},
         cells=change_effects.mark_proven(cells),
-        dropped=tuple(
-            msgspec.convert(gone, DroppedEntry, from_attributes=True) for plan in plans for gone in plan.dropped
-        ),
+        dropped=tuple(gone for plan in plans for gone in plan.dropped),
         matrices={plan.matrix: matrix_entry(plan) for plan in plans},
         stale=tuple(dict.fromkeys(stale)),
         probes=dict(probes),
@@ -187,23 +182,18 @@ def entry(assessed: Assessed, making: EntryInputs) -> CellEntry:
         diagnoses=tuple(map(diagnosis_entry, assessed.diagnoses)),
         evidence=locate(assessed.evidence) if assessed.evidence else None,
         phase=assessed.phase,
-        expectation=expectation_entry(cell),
+        expectation=cell.expect,
         requirements=cell.question.requirements,
         asked=making.mark(cell),
         subject=_subject(record),
-        brought=_alike(record.brought, tuple[BroughtEntry, ...]),
+        brought=record.brought or msgspec.UNSET,
         empty=cell.empty or msgspec.UNSET,
         suite=_suite(assessed, locate),
-        controls=_alike(record.controls, dict[str, ControlEntry]),
+        controls=msgspec.convert(record.controls, dict[str, ControlEntry], from_attributes=True) or msgspec.UNSET,
         base=cell.base,
         change=change,
         role=role(cell.id, change, making.variants, proving=bool(cell.tried and cell.tried.proving)),
     )
-
-
-def _alike(values: Collection[Any], kind: type[T]) -> T | msgspec.UnsetType:
-    """Return values as entries that have the same fields; an empty collection is left out of the document."""
-    return msgspec.convert(values, kind, from_attributes=True) if values else msgspec.UNSET
 
 
 def _findings(assessed: Assessed) -> tuple[FindingEntry, ...]:
@@ -321,11 +311,6 @@ def _case(case: AssessedCase, unverified: tuple[str, ...], locate: Locate) -> Ca
         unverified=unverified,
         exercised=case.packages or msgspec.UNSET,
     )
-
-
-def expectation_entry(cell: Cell) -> ExpectationEntry | None:
-    """Return the expectation of a cell as a document entry, or None."""
-    return msgspec.convert(cell.expect, ExpectationEntry, from_attributes=True) if cell.expect else None
 
 
 # --- reading, writing, moving ----------------------------------------------------------------------------------

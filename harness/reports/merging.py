@@ -17,9 +17,9 @@ from typing import Any
 import msgspec
 
 from harness.judging.expectation import outdated
-from harness.model import Verdict
+from harness.model import Dropped, Verdict
 from harness.model.errors import BadInput
-from harness.model.report_types import UNTOLD, CellEntry, Document, DroppedEntry, word
+from harness.model.report_types import UNTOLD, CellEntry, Document, word
 from harness.reports import document
 from harness.reports.tables import change_effects
 
@@ -106,9 +106,9 @@ def natural(name: str) -> tuple[list[str | int], str]:
 # --- what stands beside them -----------------------------------------------------------------------------------
 
 
-def _dropped(documents: Iterable[Document], planned: set[str]) -> list[DroppedEntry]:
+def _dropped(documents: Iterable[Document], planned: set[str]) -> list[Dropped]:
     """Return the combinations that were left out, except those that some report has as a cell."""
-    entries: dict[str, DroppedEntry] = {}
+    entries: dict[str, Dropped] = {}
     orders = set()
     for report in documents:
         gone = [entry for entry in report.dropped if entry.id not in planned]

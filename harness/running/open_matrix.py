@@ -93,7 +93,7 @@ def gather(
         texts={source: _text(path.parent / source, place) for source, place in matrix_file.sources(matrix).items()},
         breaks=_breaks() if matrix.strategy.boundaries else version_ranges.NO_BREAKS,
         recipes=recipes(path.parent) if matrix_file.repairing(matrix) else {},
-        index=_located(plan.index_settings(matrix), path.parent),
+        index=_located(matrix.index, path.parent),
         project=_project(matrix.subject, path.parent) if matrix.subject else None,
         banks={bank: _bank(path.parent / bank, place) for bank, place in matrix_file.banks(matrix).items()},
     )
@@ -195,7 +195,7 @@ def _expansion(
         status = "are to be expanded again" if renew else "were never expanded"
         message = f"{path}: its ranges {status}, which asks the index; run `simmatrix lock {path}` without --offline"
         raise CouldNotTell(message)
-    settings = _located(plan.index_settings(matrix), path.parent)
+    settings = _located(matrix.index, path.parent)
     releases = {
         name: [(release.version, release.yanked) for release in index.releases(name, settings, cutoff=instant)]
         for name in matrix.ranges
@@ -232,7 +232,7 @@ def _breaks() -> version_ranges.Breaks:
 def _located(settings: IndexSettings, folder: Path) -> IndexSettings:
     """Return settings whose folders of files are found from anywhere: the file names them from its own folder."""
     links = tuple(link if "://" in link else str((folder / link).absolute()) for link in settings.find_links)
-    return replace(settings, find_links=links)
+    return msgspec.structs.replace(settings, find_links=links)
 
 
 def _project(source: str, folder: Path) -> plan.Project:

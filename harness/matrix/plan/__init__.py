@@ -6,7 +6,7 @@ second or two.
 
 from harness.matrix.plan.choosing import Ask, choose
 from harness.matrix.plan.product import candidates, make_plan
-from harness.matrix.plan.sources import Project, Sources, index_settings
+from harness.matrix.plan.sources import Project, Sources
 from harness.matrix.plan.speaking import brings_models
 from harness.matrix.plan.strategies import Candidates
 from harness.matrix.plan.trial import NAME as TRY_MATRIX
@@ -23,7 +23,6 @@ __all__ = [
     "candidates",
     "cases_for",
     "choose",
-    "index_settings",
     "make_plan",
     "single",
     "unspoken",

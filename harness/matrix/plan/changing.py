@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
+from msgspec import convert, structs
+
 from harness.matrix import changes
 from harness.matrix.matrix_types import ChangedTable, ChangeTable, Matrix
 from harness.matrix.plan.choices import Choice, Combination, condition
@@ -102,14 +104,4 @@ def _expectation(table: ChangedTable, reason: str) -> Expectation | None:
     """Return the expectation for a changed cell; None if it is only expected to work."""
     if table == ChangedTable():
         return None
-    return Expectation(
-        verdict=table.verdict,
-        reason=table.reason or reason,
-        phase=table.phase,
-        match=str(table.match) if table.match else None,
-        code=table.code,
-        data=table.data,
-        signature=table.signature,
-        link=table.link,
-        until=str(table.until) if table.until else None,
-    )
+    return convert(structs.replace(table, reason=table.reason or reason), Expectation, from_attributes=True)

@@ -24,7 +24,7 @@ from harness.matrix.matrix_types import (
     SuiteTable,
 )
 from harness.matrix.plan.choices import Choice, Combination, Condition, condition
-from harness.matrix.plan.sources import Sources, index_settings
+from harness.matrix.plan.sources import Sources
 from harness.matrix.plan.speaking import find_api
 from harness.model import Bring, Case, Change, Phase, Question, Subject, Suite
 from harness.model.errors import BadInput
@@ -97,7 +97,7 @@ class Contents:
         self.texts = sources.texts
         self.banks = sources.banks
         self.snapshot = snapshot
-        self.index = sources.index or index_settings(matrix)
+        self.index = sources.index or matrix.index
         self.source = sources.project.source if sources.project else matrix.subject
         self.base = self._part(matrix, matrix.cases)
         if (

@@ -9,6 +9,8 @@ from math import prod
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
+from msgspec import convert
+
 from harness.matrix.matrix_types import ExpectTable, Matrix, Value
 from harness.matrix.plan.changing import Changing
 from harness.matrix.plan.choices import Choice, Combination, Condition, choice_of, choices, condition
@@ -273,17 +275,7 @@ def _expected(matrix: Matrix, index: int, table: ExpectTable) -> _Expected:
         glob=table.cells,
         when=condition(matrix, table.when),
         of_changed=table.of_changed,
-        expectation=Expectation(
-            verdict=table.verdict,
-            reason=table.reason,
-            phase=table.phase,
-            match=str(table.match) if table.match else None,
-            code=table.code,
-            data=table.data,
-            signature=table.signature,
-            link=table.link,
-            until=str(table.until) if table.until else None,
-        ),
+        expectation=convert(table, Expectation, from_attributes=True),
     )
 
 

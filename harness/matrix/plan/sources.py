@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
-import msgspec
-
 from harness.matrix.matrix_types import Expansion, Matrix
 from harness.matrix.version_ranges import Breaks
 from harness.model import IndexSettings, Repair
@@ -48,8 +46,3 @@ class Sources:
     index: IndexSettings | None = None
     project: Project | None = None
     banks: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-
-
-def index_settings(matrix: Matrix) -> IndexSettings:
-    """Return the places that a matrix's packages come from; relative find-links stay relative."""
-    return IndexSettings(**msgspec.structs.asdict(matrix.index))

@@ -256,9 +256,5 @@ def weight(table: msgspec.Struct, empty: msgspec.Struct = NO_CHANGES) -> dict[st
 
 
 def _plain(value: Any) -> Any:
-    """Convert what msgspec does not know: our strings, tables and objects with slots."""
-    if isinstance(value, str):
-        return str.__str__(value)
-    if isinstance(value, dict):
-        return dict(value)
+    """Convert what msgspec does not know: objects with slots."""
     return {name: getattr(value, name) for name in value.__slots__}

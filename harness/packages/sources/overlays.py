@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
@@ -147,7 +148,7 @@ def _add_find_links(question: Question, *, offline: bool) -> Question:
         except index.UnknownPackage:
             continue  # a resolution cannot come to it: `try --overlay` offers all that there are
         links.append(str(path.parent))
-    settings = replace(question.index, find_links=(*links, *question.index.find_links))
+    settings = msgspec.structs.replace(question.index, find_links=(*links, *question.index.find_links))
     return replace(question, index=settings, overlay=()) if links else question
 
 

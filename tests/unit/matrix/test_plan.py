@@ -132,7 +132,7 @@ class TestQuestions:
             only_binary=("mujoco", ":all:"),
             resolution="lowest-direct",
             prerelease="allow",
-            index=plan.index_settings(matrix(text)),
+            index=matrix(text).index,
             torch_backend="cu126",
             snapshot="2026-11-20T23:59:59Z",
         )

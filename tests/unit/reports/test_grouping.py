@@ -9,8 +9,8 @@ import pytest
 from builders import diagnosis
 from specimens import quick_document
 
-from harness.model import Verdict
-from harness.model.report_types import CellEntry, DiagnosisEntry, ExpectationEntry
+from harness.model import Expectation, Verdict
+from harness.model.report_types import CellEntry, DiagnosisEntry
 from harness.reports.tables import cause_groups
 from harness.reports.tables.table_types import Trouble
 from harness.reports.text import report_markdown
@@ -153,7 +153,7 @@ def test_unknown_ones_by_their_line() -> None:
 
 def test_unknown_ones_by_what_the_matrix_says() -> None:
     """One reason is one cause, with what has the same line and was not expected, if one reason alone has it."""
-    said = [ExpectationEntry(verdict=Verdict.PARTIAL, reason=reason, link=f"https://e.org/{reason}") for reason in "ab"]
+    said = [Expectation(verdict=Verdict.PARTIAL, reason=reason, link=f"https://e.org/{reason}") for reason in "ab"]
     cells = [
         cell("3.9", "2.3.7", "AssertionError", expectation=said[0]),
         cell("3.9", "3.1.6", "KeyError: 1", expectation=said[0]),
