@@ -44,7 +44,7 @@ def from_signature(signature: Signature) -> Issue:
         remedy=signature.remedy.plain,
         fix=in_words(signature.remedy.plain),
         silent=signature.silent,
-        packages=tuple(each for part in signature.packages for each in part.requirements),
+        packages=tuple(each for part in signature.packages for each in part),
         example=next(iter(signature.examples), None),
         references=signature.references,
         formerly=signature.formerly,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta, convert, field
 from msgspec.structs import asdict
@@ -19,7 +19,7 @@ from harness.matrix.matrix_types import Table
 from harness.model import Change, Observed, Phase
 from harness.model.errors import BadInput
 from harness.model.schema import load_toml, locate_errors
-from harness.model.vocabulary import Api, Label, Pattern, Requirement, Word
+from harness.model.vocabulary import Api, Checked, Label, Pattern, Requirement, Word
 from harness.model.words import contains, refusal, sentence_pattern
 
 ESCAPED = r"\\[\s\S]"
@@ -84,21 +84,18 @@ UNSHOWN = frozenset({"code", "data", "examples", "verified_on"})
 """Fields of a known failure that are neither matched in texts nor shown."""
 
 
-class PartTaking:
+class PartTaking(tuple[str, ...], metaclass=Checked):
     """A requirement, or several of which one must be met."""
 
-    __slots__ = ("requirements",)
     reads: ClassVar[tuple[Any, ...]] = (Requirement, Annotated[tuple[Requirement, ...], Meta(min_length=2)])
 
-    def __init__(self, requirements: tuple[str, ...]) -> None:
-        self.requirements = requirements
-
     @classmethod
-    def parse(cls, plain: Any, convert: Any) -> Self:
+    def parse(cls, plain: Any, convert: Any) -> tuple[str, ...]:
         """Return what either form stands for."""
-        if isinstance(plain, list):
-            return cls(convert(plain, cls.reads[1]))
-        return cls((convert(plain, Requirement),))
+        alternatives: tuple[str, ...] = (
+            convert(plain, cls.reads[1]) if isinstance(plain, list) else (convert(plain, Requirement),)
+        )
+        return alternatives
 
 
 class RemedyTable(Change, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -193,11 +190,10 @@ class Signature(Table, frozen=True, kw_only=True):
     @property
     def as_file(self) -> dict[str, Any]:
         """Return its file's fields that are matched in texts or shown; examples and sightings are left out."""
-        parts = [part.requirements for part in self.packages]
         fields = asdict(self) | {
             "remedy": self.remedy.plain,
             "pattern": self.wording,
-            "packages": [each if len(each) > 1 else each[0] for each in parts],
+            "packages": [each if len(each) > 1 else each[0] for each in self.packages],
         }
         return {name: value for name, value in fields.items() if value and name not in UNSHOWN}
 

@@ -133,10 +133,12 @@ class Checked(type):
 
 
 class Word(str, metaclass=Checked):
-    """A string with a rule of its own."""
+    """A string with a rule of its own: a `form`, and the end of the message on one that does not have it."""
 
     __slots__ = ()
     reads: ClassVar[tuple[Any, ...]] = (str,)
+    form: ClassVar[str] = ""
+    refusal: ClassVar[str] = ""
 
     @classmethod
     def parse(cls, plain: Any, convert: Callable[[Any, type[str]], str]) -> str:
@@ -145,8 +147,11 @@ class Word(str, metaclass=Checked):
 
     @classmethod
     def canonical(cls, text: str) -> str:
-        """Return the form that is kept."""
-        raise NotImplementedError
+        """Return the text as it is kept. Raises ValueError."""
+        if not re.fullmatch(cls.form, text):
+            message = f'"{text}" {cls.refusal}'
+            raise ValueError(message)
+        return text
 
 
 class Requirement(Word):
@@ -162,13 +167,13 @@ class Requirement(Word):
 class PackageName(Word):
     """The name of a package."""
 
+    form = r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])?"
+    refusal = "is not the name of a package"
+
     @classmethod
     def canonical(cls, text: str) -> str:
         """Return the normalised name."""
-        if not re.fullmatch(r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])?", text):
-            message = f'"{text}" is not the name of a package'
-            raise ValueError(message)
-        return canonicalize_name(text)
+        return canonicalize_name(super().canonical(text))
 
 
 class PackageSelector(PackageName):
@@ -195,13 +200,8 @@ class ModuleName(Word):
 class Label(Word):
     """A name that can be a folder: letters, digits and `._+-`."""
 
-    @classmethod
-    def canonical(cls, text: str) -> str:
-        """Return the text itself."""
-        if not re.fullmatch(r"[A-Za-z0-9._+-]+", text) or set(text) <= {"."}:
-            message = f'"{text}" cannot be a label: use letters, digits and "._+-" only'
-            raise ValueError(message)
-        return text
+    form = r"(?!\.*$)[A-Za-z0-9._+-]+"
+    refusal = 'cannot be a label: use letters, digits and "._+-" only'
 
 
 class Pattern(Word):
@@ -226,25 +226,20 @@ class Pattern(Word):
 class SystemPackage(Word):
     """The name of a package of Debian, such as `libosmesa6-dev`."""
 
-    @classmethod
-    def canonical(cls, text: str) -> str:
-        """Return the text itself."""
-        if not re.fullmatch(r"[a-z0-9][a-z0-9+.-]+", text):
-            message = f'"{text}" is not the name of a package of Debian, such as "libosmesa6-dev"'
-            raise ValueError(message)
-        return text
+    form = r"[a-z0-9][a-z0-9+.-]+"
+    refusal = 'is not the name of a package of Debian, such as "libosmesa6-dev"'
 
 
 class Colour(Word):
     """A colour as `#rrggbb`."""
 
+    form = r"#[0-9A-Fa-f]{6}"
+    refusal = 'is not a colour such as "#c83c14"'
+
     @classmethod
     def canonical(cls, text: str) -> str:
         """Return the colour in small letters."""
-        if not re.fullmatch(r"#[0-9A-Fa-f]{6}", text):
-            message = f'"{text}" is not a colour such as "#c83c14"'
-            raise ValueError(message)
-        return text.lower()
+        return super().canonical(text).lower()
 
 
 class PythonVersion(Word):
@@ -268,13 +263,8 @@ class SubjectNames(Word):
 class TorchBackend(Word):
     """uv's name for a build of torch: `cpu`, `auto`, `cu126`, `rocm6.3`, `xpu`; `any` is what the index itself has."""
 
-    @classmethod
-    def canonical(cls, text: str) -> str:
-        """Return the text itself."""
-        if not re.fullmatch(r"cpu|auto|any|xpu|cu\d{2,3}|rocm\d+(\.\d+)*", text):
-            message = f'"{text}" is not a torch backend such as "cpu", "cu126", "rocm6.3", "xpu" or "auto"'
-            raise ValueError(message)
-        return text
+    form = r"cpu|auto|any|xpu|cu\d{2,3}|rocm\d+(\.\d+)*"
+    refusal = 'is not a torch backend such as "cpu", "cu126", "rocm6.3", "xpu" or "auto"'
 
 
 class Instant(Word):

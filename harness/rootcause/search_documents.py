@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from harness.machine import store
-from harness.reports.template_files import read_template
+from harness.reports.template_files import fill, read_template
 from harness.reports.text import report_markdown
 from harness.rootcause.bench import Trial
 
@@ -35,11 +35,8 @@ def trial_fields(trial: Trial) -> dict[str, Any]:
 
 def page(template: str, document: msgspec.Struct, **more: Any) -> str:
     """Return a document as a page, from a template that has its fields as variables, and `more`."""
-    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
-
-    environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
-    environment.filters |= report_markdown.filters()
-    return environment.from_string(read_template(template)).render(**msgspec.structs.asdict(document), **more)
+    values = msgspec.structs.asdict(document) | more
+    return fill(read_template(template), report_markdown.filters(), **values)
 
 
 def as_json(document: msgspec.Struct) -> bytes:

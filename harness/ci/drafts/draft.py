@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 from packaging.requirements import InvalidRequirement, Requirement
@@ -12,6 +12,7 @@ from harness.ci.drafts.project import Case, Project
 from harness.ci.drafts.suite import SuiteDraft
 from harness.model import requirement_texts, schema
 from harness.model.vocabulary import HOST, Rule
+from harness.reports.template_files import fill
 
 MEASURED = (
     *("gymnasium", "gym", "mujoco", "dm-control", "pybullet", "ale-py", "pettingzoo", "robosuite"),
@@ -96,10 +97,7 @@ def _ranges(project: Project) -> Iterator[Range]:
 
 def text_of(draft: Draft, template: str) -> str:
     """Fill the template (the text of `templates/matrix.toml.j2`)."""
-    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
-
-    environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
-    environment.filters |= {
+    filters: dict[str, Callable[..., str]] = {
         "toml": schema.toml_value,
         "key": schema.key_path,
         # A note may quote the text of others: a line end in it would end the comment.
@@ -108,4 +106,4 @@ def text_of(draft: Draft, template: str) -> str:
             f"{schema.key_path(key)} = {schema.toml_value(value)}" for key, value in table.items()
         ),
     }
-    return environment.from_string(template).render(it=draft)
+    return fill(template, filters, it=draft)

@@ -64,12 +64,7 @@ class Changing:
         # `environment` is left to `apply`, which adds it last: a change wins over a variable axis, too.
         surrounded = replace(
             cell,
-            needs=around.needs,
-            system=around.system,
-            files=around.files,
-            empty=around.empty,
-            python_path=around.python_path,
-            bring=around.bring,
+            **around | {"environment": cell.environment},
             subject=self.contents.subject((*combination, choice)),
         )
         return replace(

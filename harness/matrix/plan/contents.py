@@ -19,7 +19,6 @@ from harness.matrix.matrix_types import (
     Changes,
     ChangeTable,
     Constraint,
-    PictureTable,
     SourceTable,
     SuiteTable,
 )
@@ -43,6 +42,9 @@ from harness.model.vocabulary import (
 )
 
 T = TypeVar("T")
+
+LISTS = ("needs", "system", "empty", "python_path")
+"""Keys of a matrix that are lists, and fields of a cell."""
 
 Rules = tuple[tuple[str, Condition], ...]
 CasesWhen = tuple[tuple[Case, "Condition | _InBaseline"], ...]
@@ -68,18 +70,6 @@ class _Part(NamedTuple):
     changes: Changes
     rules: Mapping[str, Rules]
     cases: CasesWhen
-
-
-class Surroundings(NamedTuple):
-    """The needs of a cell besides its packages."""
-
-    environment: Mapping[str, str]
-    needs: tuple[str, ...]
-    system: tuple[str, ...]
-    files: Mapping[str, str]
-    empty: tuple[str, ...]
-    python_path: tuple[str, ...]
-    bring: tuple[Bring, ...]
 
 
 class Contents:
@@ -108,7 +98,7 @@ class Contents:
             self.base = self.base._replace(cases=((IMPORTED, condition(matrix, {})),))
         self.parts: dict[Choice, _Part] = {}
         self.questions: dict[Combination, Question] = {}
-        self.surrounded: dict[Combination, Surroundings] = {}
+        self.surrounded: dict[Combination, dict[str, Any]] = {}
         self.known_cases: dict[tuple[int, ...], tuple[Case, ...]] = {}
         self.spoken: dict[tuple[int, str], Case] = {}
         self.suite = _suite(matrix.suite) if matrix.suite else None
@@ -142,8 +132,11 @@ class Contents:
             self.subjects[key] = Subject(source=self.source, extras=extras, groups=groups, suite=suite)
         return self.subjects[key]
 
-    def surroundings(self, combination: Combination) -> Surroundings:
-        """Return variables, capabilities and files: the matrix's, then those of values, then the variable axes."""
+    def surroundings(self, combination: Combination) -> dict[str, Any]:
+        """Return a cell's variables, capabilities and files, by their fields.
+
+        Those of the matrix come first, then those of values, then the variable axes.
+        """
         key = tuple(c for c in combination if c.kind is Kind.VARIABLE or c.changes is not NO_CHANGES)
         if key not in self.surrounded:
             self.surrounded[key] = self._surroundings(combination)
@@ -218,23 +211,20 @@ class Contents:
                 question, overlay=overlay_recipes.fitting(overlay_recipes.find_repairs(self.recipes, names), question)
             )
 
-    def _surroundings(self, combination: Combination) -> Surroundings:
+    def _surroundings(self, combination: Combination) -> dict[str, Any]:
         changes = [part.changes for part in self._parts(combination)]
         variables = {choice.axis: choice.literal for choice in combination if choice.kind is Kind.VARIABLE}
         files = _merged(change.files for change in changes)
         self._check_places(files)
-        return Surroundings(
-            environment={**_merged(change.environment for change in changes), **variables},
-            needs=_distinct(need.value for change in changes for need in change.needs),
-            system=_distinct(name for change in changes for name in change.system),
-            files={
+        lists = {name: _distinct(chain(*(getattr(change, name) for change in changes))) for name in LISTS}
+        return lists | {
+            "environment": {**_merged(change.environment for change in changes), **variables},
+            "files": {
                 path: self.texts[content.source] if isinstance(content, SourceTable) else content
                 for path, content in files.items()
             },
-            empty=_distinct(name for change in changes for name in change.empty),
-            python_path=_distinct(folder for change in changes for folder in change.python_path),
-            bring=tuple(_bring(name, table) for name, table in self._brought(changes).items()),
-        )
+            "bring": tuple(Bring(name=name, **asdict(table)) for name, table in self._brought(changes).items()),
+        }
 
     def _brought(self, changes: Iterable[Changes]) -> dict[str, BringTable]:
         """Return what the user has to supply for a cell. Raises BadInput if one variable names two things."""
@@ -283,30 +273,17 @@ class Contents:
         return tuple((each.require, condition(self.matrix, each.when)) for each in constraints)
 
 
-def _bring(name: str, table: BringTable) -> Bring:
-    return Bring(name=name, **asdict(table))
-
-
-def _colours(table: PictureTable) -> dict[str, str]:
-    return {name: colour for name, colour in asdict(table).items() if colour}
-
-
 def _case(table: CaseTable) -> Case:
-    api = api_of(table.env, table.api)
-    return Case(
-        id=table.id or case_id(table.env, table.imports),
-        env=table.env,
-        api=api if api and table.env else "",
-        kwargs=table.kwargs,
-        checks=checks_of(table.checks) if table.env else (IMPORT_CHECK,),
-        required=table.required,
-        imports=table.imports,
-        timeouts={Phase(phase): seconds for phase, seconds in table.timeouts.items()},
-        picture=_colours(table.picture) if table.picture else None,
-        steps=table.steps,
-        seed=table.seed,
-        memory_mb=table.memory_mb,
-    )
+    values = asdict(table)
+    del values["when"], values["only"]
+    api, picture = api_of(table.env, table.api), asdict(table.picture).items() if table.picture else ()
+    return Case(**values | {
+        "id": table.id or case_id(table.env, table.imports),
+        "api": api if api and table.env else "",
+        "checks": checks_of(table.checks) if table.env else (IMPORT_CHECK,),
+        "timeouts": {Phase(phase): seconds for phase, seconds in table.timeouts.items()},
+        "picture": {name: colour for name, colour in picture if colour} or None,
+    })  # fmt: skip
 
 
 def _suite(table: SuiteTable) -> Suite:

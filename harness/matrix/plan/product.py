@@ -238,21 +238,14 @@ def _cells(
     met: set[str] = set()
     cells = []
     for name, combination in planned.items():
-        around = contents.surroundings(combination)
         cell = Cell(
             id=name,
             matrix=matrix.name,
             axes={choice.axis: choice.text for choice in combination},
             python=next(choice.literal for choice in combination if choice.kind is Kind.PYTHON),
             question=contents.question(combination),
-            environment=around.environment,
             cases=contents.cases(combination),
-            needs=around.needs,
-            system=around.system,
-            files=around.files,
-            empty=around.empty,
-            python_path=around.python_path,
-            bring=around.bring,
+            **contents.surroundings(combination),
             subject=contents.subject(combination),
         )
         hit = next((each for each in expected if each.fits(cell, combination)), None)

@@ -10,6 +10,7 @@ from typing import Any
 from harness.model import Role, Verdict
 from harness.model.report_types import SYMBOLS, UNTOLD, format_count, word
 from harness.reports.tables.table_types import Attempt, Pivot, Remark, Report, Row, Sheet, Square, Task, Trouble
+from harness.reports.template_files import fill
 from harness.reports.text import family_markdown
 from harness.reports.text.markdown_texts import ADDRESS, address, code, file_link, prose, table_cell
 from harness.standalone.control_characters import strip_controls
@@ -27,12 +28,7 @@ NBSP = "\N{NO-BREAK SPACE}"
 
 def markdown(report: Report, template: str) -> str:
     """Fill the template (the text of `templates/report.md.j2`) and return the page."""
-    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - start-up
-
-    # Jinja escapes for HTML, also inside code that people copy. The filters escape for Markdown instead.
-    environment = Environment(undefined=StrictUndefined, trim_blocks=True, keep_trailing_newline=True, autoescape=False)
-    environment.filters |= filters()
-    page = strip_controls(environment.from_string(template).render(report=report))
+    page = strip_controls(fill(template, filters(), report=report))
     return page.replace("![", "!\\[")  # it shows no picture, wherever one came from
 
 

@@ -6,7 +6,7 @@ import os
 import re
 from typing import Any, Dict, Iterable, Iterator, List, Mapping, Optional, Sequence, Tuple
 
-from ..failures.matching import Around, Diagnosis, Evidence, diagnose, lurking
+from ..failures.matching import Around, Diagnosis, Evidence, diagnose, is_bounded, lurking
 from ..failures.silent import concerns
 from ..keys import MODULES
 from ..requirements import requirement
@@ -105,7 +105,7 @@ def predict_failures(signatures: Iterable[Any], facts: JsonObject) -> List[Any]:
     sure = [
         one._replace(silent=True)
         for one in plain
-        if not one.silent and sum(part.bounded for part in one.packages) + bool(one.python) > 1
+        if not one.silent and sum(map(is_bounded, one.packages)) + bool(one.python) > 1
     ]
     by_remedy: Dict[Any, Any] = {}
     for signature in lurking(sure, around(facts)):

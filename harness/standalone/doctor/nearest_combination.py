@@ -104,7 +104,7 @@ def _green(measured: JsonObject, env: Optional[str]) -> Iterator[Tuple[JsonObjec
 def _shares(issues: Sequence[Any], cell: JsonObject, lock: Mapping[str, str]) -> bool:
     """Tell whether the versions of a cell run into one of these known failures, as those that are installed here do."""
     # A failure of packages in any version says nothing against a cell that was measured to work.
-    bounded = [one._replace(silent=True) for one in issues if any(part.bounded for part in one.packages)]
+    bounded = [one._replace(silent=True) for one in issues if any(map(matching.is_bounded, one.packages))]
     return bool(matching.lurking(bounded, Around(installed=lock, python=cell["python"])))
 
 

@@ -196,7 +196,7 @@ def _of_python(signature: matching.Signature, python: Optional[str]) -> bool:
 
 def _mentions_packages(signature: matching.Signature, text: str) -> bool:
     """Return whether a text speaks of each package that takes part."""
-    return all(any(_speaks(requirement(each).name, text) for each in part.requirements) for part in signature.packages)
+    return all(any(_speaks(requirement(each).name, text) for each in part) for part in signature.packages)
 
 
 TOOLS = {
@@ -223,7 +223,7 @@ def _speaks(name: str, text: str) -> bool:
 
 
 def _describe_condition(signature: matching.Signature) -> str:
-    parts = [" or ".join("`{}`".format(each) for each in part.requirements) for part in signature.packages]
+    parts = [" or ".join("`{}`".format(each) for each in part) for part in signature.packages]
     return "the text does not tell versions: this is the cause if {} {} installed".format(
         " and ".join(parts), "is" if len(parts) == 1 else "are"
     )

@@ -34,26 +34,15 @@ PROBED = frozenset(PHASES[2:])
 K = TypeVar("K")
 
 
-class Part(NamedTuple):
-    """Alternative requirements: one of them has to hold."""
-
-    requirements: Tuple[str, ...]
-
-    @property
-    def bounded(self) -> bool:
-        """Return whether each of them names versions."""
-        return all(requirement(text).specifiers for text in self.requirements)
-
-
 class Signature(NamedTuple):
-    """A known failure, `plain` as its file has it."""
+    """A known failure, `plain` as its file has it. Each of its packages is a list of requirements: one has to hold."""
 
     plain: Mapping[str, Any]
     id: str
     phases: Tuple[str, ...]
     pattern: Optional[str]
     signal: Optional[str]
-    packages: Tuple[Part, ...]
+    packages: Tuple[Tuple[str, ...], ...]
     python: Optional[str]
     masks: bool
     generic: bool
@@ -84,7 +73,7 @@ def read(plain: Mapping[str, Any]) -> Signature:
         phases=tuple(plain.get("phases", ())),
         pattern=plain.get("pattern"),
         signal=plain.get("signal"),
-        packages=tuple(Part(tuple(part)) for part in parts),
+        packages=tuple(map(tuple, parts)),
         python=plain.get("python"),
         masks=bool(plain.get("masks")),
         generic=bool(plain.get("generic")),
@@ -151,6 +140,11 @@ class Diagnosis(NamedTuple):
         ones, and those in lines that say why before those in logs.
         """
         return rank(self.signature, not self.is_reason, _order(self.phase))
+
+
+def is_bounded(part: Sequence[str]) -> bool:
+    """Return whether each of these requirements names versions."""
+    return all(requirement(text).specifiers for text in part)
 
 
 def rank(signature: Any, *nearness: int) -> Tuple[Any, ...]:
@@ -281,7 +275,7 @@ def _of_python(signature: Any, around: Any) -> bool:
 
 def _standing(signature: Any, look: Look) -> Optional[bool]:
     """Return whether each part holds: one at least of its requirements."""
-    results = [_any([look(text) for text in part.requirements]) for part in signature.packages]
+    results = [_any([look(text) for text in part]) for part in signature.packages]
     return False if False in results else None if None in results else True
 
 

@@ -28,7 +28,7 @@ ENOUGH = 30
 
 def around(one: Signature) -> Around:
     """Return surroundings in which only the packages that a signature needs are installed."""
-    wanted = [parsed_requirement(part.requirements[0]) for part in one.packages]
+    wanted = [parsed_requirement(part[0]) for part in one.packages]
     return Around(installed={each.name: version(each.specifier) for each in wanted})
 
 

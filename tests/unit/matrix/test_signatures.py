@@ -63,7 +63,7 @@ def test_a_file_says_what_there_is_to_say() -> None:
     (read,) = signatures.read({"numpy.toml": FULL})
     change = Change(requirements=("numpy<2",), environment={"A": "b"}, python="3.10", as_of="2024-06-15T23:59:59Z")
     assert (read.id, read.phases, read.python) == ("numpy-2", (Phase.IMPORT, Phase.SINGLE), ">=3.9")
-    assert [part.requirements for part in read.packages] == [("numpy>=2",), ("gym", "gymnasium<1")]
+    assert list(read.packages) == [("numpy>=2",), ("gym", "gymnasium<1")]
     assert (read.remedy.change, read.remedy.text) == (change, "or wait")
     assert (read.verified_on[0].on, read.verified_on[0].what) == ("2026-11-22", "gym 0.26.2, numpy 2.0.0")
 

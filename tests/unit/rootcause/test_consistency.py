@@ -70,7 +70,7 @@ def of_signature(one: Signature) -> Claim:
     def holds(name: str, seen: Measurement) -> bool:
         if one.python and seen.python and seen.python not in SpecifierSet(one.python):
             return False
-        parts = [[parsed_requirement(text) for text in part.requirements] for part in one.packages]
+        parts = [[parsed_requirement(text) for text in part] for part in one.packages]
         others = [part for part in parts if all(required_name(each.name) != name for each in part)]
         return all(any(_fits(each, seen) for each in part) for part in others)
 

@@ -141,7 +141,7 @@ def committed() -> list[Document]:
 def there(one: Signature, entry: CellEntry) -> bool:
     """Tell whether all packages of a known issue are installed in versions that fit, read by `packaging` alone."""
     installed = entry.installed or {}
-    parts = [[Requirement(text) for text in part.requirements] for part in one.packages]
+    parts = [[Requirement(text) for text in part] for part in one.packages]
     fits = [
         any(each.name in installed and each.specifier.contains(installed[each.name]) for each in part) for part in parts
     ]

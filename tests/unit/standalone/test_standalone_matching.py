@@ -109,7 +109,7 @@ def test_most_known_patterns_have_literals() -> None:
 
 def plain(one: signatures.Signature) -> dict[str, object]:
     """Return a signature as it stands in its file."""
-    packages = [list(map(str, part.requirements)) for part in one.packages]
+    packages = [list(part) for part in one.packages]
     keys = ("id", "signal", "python", "masks", "generic", "silent")
     told = {key: getattr(one, key) for key in keys}
     return {"phases": list(one.phases), "packages": packages, "pattern": one.wording, **told}

@@ -46,7 +46,7 @@ def corpus() -> tuple[str, ...]:
         for pin in re.findall(r"^([A-Za-z0-9][\w.-]*==[^\s;\\]+)", lock.read_text(), re.MULTILINE)
     }
     asked.update(text for one in metadata.distributions() for text in one.requires or ())
-    asked.update(str(t) for one in shipped_signatures.load_all() for part in one.packages for t in part.requirements)
+    asked.update(str(t) for one in shipped_signatures.load_all() for part in one.packages for t in part)
     matrices = " ".join(path.read_text() for path in ROOT.glob("matrices/**/*.toml"))
     asked.update(re.findall(r'"([A-Za-z][\w.-]*(?:\[\w+\])?[=<>!~][^"]*)"', matrices))
     return tuple(sorted(asked))
@@ -173,7 +173,7 @@ def test_every_signature_can_be_read() -> None:
     """The packages and Pythons of each signature can be parsed by the vendored library."""
     for one in shipped_signatures.load_all():
         for part in one.packages:
-            for text in part.requirements:
+            for text in part:
                 assert requirements.requirement(str(text)).name == canonicalize_name(Theirs(text).name)
         if one.python:
             assert versions.specifiers(str(one.python)).clauses
