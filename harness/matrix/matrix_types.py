@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from msgspec import UNSET, Meta, Struct, UnsetType, field
 
 from harness.matrix.strategy import FULL, Strategy
-from harness.model import Expectation, IndexSettings, Verdict, cellid
+from harness.model import Expectation, IndexSettings, Suite, Verdict, cellid
 from harness.model.vocabulary import (
     Api,
     Capability,
@@ -272,13 +272,9 @@ class Axis:
             return cls(
                 Kind.BUNDLE, tuple(Value(text=label, changes=table, cases=table.cases) for label, table in named)
             )
-        if "variable" in plain:
-            values = convert(plain, VariableTable).variable
-            return cls(Kind.VARIABLE, tuple(Value(text=text) for text in values))
-        if "extra" in plain:
-            return cls(Kind.EXTRA, tuple(Value(text=text) for text in convert(plain, ExtraTable).extra))
-        if "group" in plain:
-            return cls(Kind.GROUP, tuple(Value(text=text) for text in convert(plain, GroupTable).group))
+        for kind, table in ((Kind.VARIABLE, VariableTable), (Kind.EXTRA, ExtraTable), (Kind.GROUP, GroupTable)):
+            if kind in plain:
+                return cls(kind, tuple(Value(text=text) for text in getattr(convert(plain, table), kind)))
         return cls(Kind.PACKAGE, (), convert(plain, RangeTable))
 
 
@@ -288,16 +284,13 @@ def _version_value(written: str | VersionTable) -> Value:
     return Value(text=written.version, changes=written)
 
 
-class SuiteTable(Table, frozen=True, kw_only=True):
+class SuiteTable(Suite, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The subject's own pytest suite, run in an environment of its own next to each cell."""
 
-    arguments: Annotated[tuple[str, ...], Meta(description="of pytest; default: what the project's settings say")] = ()
-    requirements: Annotated[tuple[Requirement, ...], Meta(description="asked for besides; pytest always is")] = ()
-    extras: Annotated[tuple[PackageName, ...], Meta(description="extras of the subject that its tests need")] = ()
-    groups: Annotated[tuple[PackageName, ...], Meta(description="its dependency groups that its tests need")] = ()
-    when: Annotated[When, Meta(description="cells that run it; default: all")] = {}
-    timeout: Annotated[float, Meta(gt=0, description="seconds for the whole suite")] = 1800.0
-    memory_mb: Annotated[int, Meta(ge=64, description="of all its processes together")] = 6000
+    when: Annotated[When, Meta(description="cells that run it; default: all")] = field(default_factory=dict)
+    seconds: Annotated[float, Meta(gt=0, description="seconds for the whole suite")] = field(
+        default=1800.0, name="timeout"
+    )
 
 
 class ExcludeTable(Table, frozen=True, kw_only=True):

@@ -7,7 +7,7 @@ understands as well as Python does: searched with `^` and `$` at every line, `.`
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
@@ -260,11 +260,3 @@ class Sighting:
     observed: Observed
     line: str
     is_reason: bool
-
-
-def machine_applicable(signatures: Iterable[Signature]) -> Iterator[tuple[Signature, Change]]:
-    """Yield the signatures whose remedy a machine can apply, each with that change."""
-    for signature in signatures:
-        change = signature.remedy.change
-        if change:
-            yield signature, change

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from harness.model import Brought, Dropped, Expectation, Level, Outcome, Phase, Role, Verdict
+from harness.model import Brought, Control, Dropped, Expectation, Level, Outcome, Phase, Role, Verdict
 from harness.model.cellid import CellId
 
 SEVERITY = (
@@ -203,17 +203,6 @@ class SuiteEntry(msgspec.Struct, frozen=True, kw_only=True):
         return self.outcome is Outcome.NOT_REACHED and self.decisive is not None
 
 
-class ControlEntry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The result of an adapter's known-good combination on the same machine: failed checks with their lines.
-
-    `untold` is why it could not be run: then nothing is known of the adapter, and failures stand as they were seen.
-    """
-
-    control: str
-    failed: dict[str, str] = {}
-    untold: str | None = None
-
-
 class DiagnosisEntry(msgspec.Struct, frozen=True, kw_only=True):
     """A known cause that fits the evidence: `seen` is the line that shows it.
 
@@ -295,7 +284,7 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     brought: tuple[Brought, ...] | msgspec.UnsetType = msgspec.UNSET
     empty: tuple[str, ...] | msgspec.UnsetType = msgspec.UNSET
     suite: SuiteEntry | None = None
-    controls: dict[str, ControlEntry] | msgspec.UnsetType = msgspec.UNSET
+    controls: dict[str, Control] | msgspec.UnsetType = msgspec.UNSET
     base: str | None = None
     change: ChangeEntry | None = None
     role: Role = Role.MAIN

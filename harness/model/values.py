@@ -256,19 +256,15 @@ class Question:
     overlay: tuple[Repair, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Suite:
-    """The subject's own pytest suite: what its environment holds besides the cell's packages, and how it is run.
+class Suite(Struct, frozen=True, kw_only=True):
+    """The subject's own pytest suite: what its environment holds besides the cell's packages, and how it is run."""
 
-    `arguments` are pytest's, `seconds` and `memory_mb` the limits of the whole run.
-    """
-
-    arguments: tuple[str, ...] = ()
-    requirements: tuple[str, ...] = ()
-    extras: tuple[str, ...] = ()
-    groups: tuple[str, ...] = ()
+    arguments: Annotated[tuple[str, ...], Meta(description="of pytest; default: what the project's settings say")] = ()
+    requirements: Annotated[tuple[Requirement, ...], Meta(description="asked for besides; pytest always is")] = ()
+    extras: Annotated[tuple[PackageName, ...], Meta(description="extras of the subject that its tests need")] = ()
+    groups: Annotated[tuple[PackageName, ...], Meta(description="its dependency groups that its tests need")] = ()
     seconds: float = 1800.0
-    memory_mb: int = 6000
+    memory_mb: Annotated[int, Meta(ge=64, description="of all its processes together")] = 6000
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -568,17 +564,21 @@ class Tested:
     content: str
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ControlRecord:
-    """The result of an adapter's control on the machine of a cell: a known-good lock, which ought to work.
+class Control(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The result of an adapter's known-good combination on the same machine: failed checks with their lines.
 
-    `failed` has the checks that failed, each with its line; `untold` is why nothing is known of the adapter.
+    `untold` is why it could not be run: then nothing is known of the adapter, and failures stand as they were seen.
     """
 
     control: str
-    passed: tuple[str, ...] = ()
-    failed: Mapping[str, str] = field(default_factory=dict)
+    failed: dict[str, str] = {}
     untold: str | None = None
+
+
+class ControlRecord(Control, frozen=True, kw_only=True):
+    """A control as it is stored, with the checks that passed."""
+
+    passed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

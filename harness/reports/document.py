@@ -19,10 +19,11 @@ from harness.judging.assess import Assessed, assess
 from harness.judging.assessed_case import AssessedCase
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
 from harness.matrix import changes
-from harness.matrix.signatures import Signature, machine_applicable
+from harness.matrix.signatures import Signature
 from harness.model import (
     Cell,
     CellRecord,
+    Control,
     IndexSettings,
     Outcome,
     Phase,
@@ -40,7 +41,6 @@ from harness.model.report_types import (
     CaseEntry,
     CellEntry,
     ChangeEntry,
-    ControlEntry,
     DiagnosisEntry,
     Document,
     EditEntry,
@@ -189,7 +189,7 @@ def entry(assessed: Assessed, making: EntryInputs) -> CellEntry:
         brought=record.brought or msgspec.UNSET,
         empty=cell.empty or msgspec.UNSET,
         suite=_suite(assessed, locate),
-        controls=msgspec.convert(record.controls, dict[str, ControlEntry], from_attributes=True) or msgspec.UNSET,
+        controls=msgspec.convert(record.controls, dict[str, Control], from_attributes=True) or msgspec.UNSET,
         base=cell.base,
         change=change,
         role=role(cell.id, change, making.variants, proving=bool(cell.tried and cell.tried.proving)),
@@ -213,13 +213,13 @@ def _change(cell: Cell, making: EntryInputs) -> ChangeEntry | None:
     tried, base = cell.tried, making.planned.get(cell.base or "")
     if tried is None:
         return None
-    remedies = machine_applicable(making.signatures()) if base else ()
+    remedies = [(one.id, one.remedy.change) for one in making.signatures()] if base else []
     return ChangeEntry(
         name=tried.name,
         reason=tried.reason,
         does=(*changes.describe(tried.change), *tried.also),
         change=tried.change.plain,
-        remedy_of=tuple(one.id for one, remedy in remedies if base and changes.produces(base, remedy, cell)),
+        remedy_of=tuple(name for name, remedy in remedies if base and remedy and changes.produces(base, remedy, cell)),
         advice=tried.advice,
         link=tried.link,
     )

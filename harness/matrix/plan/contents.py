@@ -8,6 +8,7 @@ from itertools import chain
 from pathlib import PurePosixPath
 from typing import Any, NamedTuple, TypeVar
 
+from msgspec import convert
 from msgspec.structs import asdict
 
 from harness.matrix import overlay_recipes
@@ -20,7 +21,6 @@ from harness.matrix.matrix_types import (
     ChangeTable,
     Constraint,
     SourceTable,
-    SuiteTable,
 )
 from harness.matrix.plan.choices import Choice, Combination, Condition, condition
 from harness.matrix.plan.sources import Sources
@@ -101,7 +101,7 @@ class Contents:
         self.surrounded: dict[Combination, dict[str, Any]] = {}
         self.known_cases: dict[tuple[int, ...], tuple[Case, ...]] = {}
         self.spoken: dict[tuple[int, str], Case] = {}
-        self.suite = _suite(matrix.suite) if matrix.suite else None
+        self.suite = convert(matrix.suite, Suite, from_attributes=True) if matrix.suite else None
         self.suite_when = condition(matrix, matrix.suite.when if matrix.suite else {})
         self.subjects: dict[tuple[tuple[str, ...], tuple[str, ...], bool], Subject] = {}
 
@@ -284,12 +284,6 @@ def _case(table: CaseTable) -> Case:
         "timeouts": {Phase(phase): seconds for phase, seconds in table.timeouts.items()},
         "picture": {name: colour for name, colour in picture if colour} or None,
     })  # fmt: skip
-
-
-def _suite(table: SuiteTable) -> Suite:
-    values = asdict(table)
-    del values["when"]
-    return Suite(seconds=values.pop("timeout"), **values)
 
 
 def _holding(parts: Sequence[_Part], combination: Combination) -> dict[str, Any]:
