@@ -12,7 +12,6 @@ from pathlib import PurePosixPath
 from typing import Any
 
 import msgspec
-from packaging.specifiers import InvalidSpecifier
 from packaging.utils import canonicalize_name
 
 from harness.matrix.matrix_types import (
@@ -28,7 +27,7 @@ from harness.matrix.matrix_types import (
     Value,
 )
 from harness.matrix.strategy import Strategy
-from harness.model import CELL_PHASES, Expectation, Phase, Verdict, requirement_texts
+from harness.model import CELL_PHASES, Expectation, Phase, Verdict
 from harness.model.errors import BadInput
 from harness.model.schema import key_path, load_toml, locate_errors, suggestion
 from harness.model.vocabulary import (
@@ -48,6 +47,7 @@ from harness.model.vocabulary import (
     alternatives,
     api_of,
     case_id,
+    check_specifier,
     check_variable,
     checks_of,
     matcher,
@@ -153,11 +153,7 @@ def _check_name(name: str, axis: Axis) -> None:
     elif axis.kind in {Kind.BUNDLE, Kind.EXTRA, Kind.GROUP}:
         Label.canonical(name)
     if axis.range:
-        try:
-            requirement_texts.specifiers(axis.range.range)
-        except InvalidSpecifier:
-            message = f'"{axis.range.range}" is not a specifier such as ">=2.3,<4"'
-            raise ValueError(message) from None
+        check_specifier(axis.range.range, ">=2.3,<4")
 
 
 def value_text(kind: Kind, text: str) -> str:

@@ -11,12 +11,19 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Literal
 
 import msgspec
-from packaging.specifiers import InvalidSpecifier, SpecifierSet
+from packaging.specifiers import SpecifierSet
 from packaging.version import InvalidVersion, Version
 
 from harness.model import Edit, Question, Repair
 from harness.model.schema import load_toml, locate_errors, suggestion
-from harness.model.vocabulary import Instant, PackageName, Requirement, parsed_requirement, required_name
+from harness.model.vocabulary import (
+    Instant,
+    PackageName,
+    Requirement,
+    check_specifier,
+    parsed_requirement,
+    required_name,
+)
 
 Sha256 = Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}$")]
 
@@ -58,11 +65,7 @@ def read(text: str, file: str) -> tuple[Repair, ...]:
     """Return the repairs of a recipe, oldest release first; `file` is its name in messages."""
     table = load_toml(text, RecipeTable, file)
     with locate_errors(file, "python"):
-        try:
-            SpecifierSet(table.python or "")
-        except InvalidSpecifier:
-            message = f'"{table.python}" is not a specifier such as ">=3.7,<3.12"'
-            raise ValueError(message) from None
+        check_specifier(table.python or "", ">=3.7,<3.12")
     # The repaired wheel has one hash on every machine, so nothing that builds it may float.
     for index, line in enumerate(table.build):
         with locate_errors(file, "build", index):

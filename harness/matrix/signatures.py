@@ -13,13 +13,12 @@ from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta, convert, field
 from msgspec.structs import asdict
-from packaging.specifiers import InvalidSpecifier, SpecifierSet
 
 from harness.matrix.matrix_types import Table
 from harness.model import Change, Observed, Phase
 from harness.model.errors import BadInput
 from harness.model.schema import load_toml, locate_errors
-from harness.model.vocabulary import Api, Checked, Label, Pattern, Requirement, Word
+from harness.model.vocabulary import Api, Checked, Label, Pattern, Requirement, Word, check_specifier
 from harness.model.words import contains, refusal, sentence_pattern
 
 ESCAPED = r"\\[\s\S]"
@@ -71,11 +70,7 @@ class Specifier(Word):
     @classmethod
     def canonical(cls, text: str) -> str:
         """Return the text itself, once it parses."""
-        try:
-            SpecifierSet(text)
-        except InvalidSpecifier:
-            message = f'"{text}" is not a specifier such as ">=3.8,<3.12"'
-            raise ValueError(message) from None
+        check_specifier(text, ">=3.8,<3.12")
         return text
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from copy import copy
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from msgspec import Meta, Struct
@@ -65,8 +66,7 @@ class Strategy:
 
     def with_values(self, canonical: Callable[[str, str], str]) -> Strategy:
         """Return the strategy with canonical baseline values; `canonical` takes axis and value."""
-        strategy = Strategy(["full"] * self.full + ["boundaries"] * self.boundaries)
-        strategy.ways, strategy.names = self.ways, self.names
+        strategy = copy(self)
         strategy.baselines = tuple(
             {axis: canonical(axis, text) for axis, text in each.items()} for each in self.baselines
         )

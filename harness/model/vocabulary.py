@@ -362,6 +362,15 @@ def required_name(text: str) -> str:
     return canonicalize_name(parsed_requirement(text).name)
 
 
+def check_specifier(text: str, example: str) -> None:
+    """Raise a ValueError unless the text is a specifier, such as the example."""
+    try:
+        requirement_texts.specifiers(text)
+    except InvalidSpecifier:
+        message = f'"{text}" is not a specifier such as "{example}"'
+        raise ValueError(message) from None
+
+
 def version_text(text: str) -> str:
     """Return a version in its normalised form; a ValueError says what to write where it is none."""
     try:
