@@ -218,24 +218,26 @@ def _id(matrix: Matrix, combination: Combination) -> str:
 class _Expected(NamedTuple):
     """A compiled `expect` of the file."""
 
-    place: str
-    glob: str | None
+    number: int
+    table: ExpectTable
     when: Condition
     expectation: Expectation
-    of_changed: bool
 
     def fits(self, cell: Cell, combination: Combination) -> bool:
         """Return whether it speaks of a cell."""
-        return self.when.holds(combination) and (self.glob is None or cellid.fits(self.glob, cell))
+        return self.when.holds(combination) and (self.table.cells is None or cellid.fits(self.table.cells, cell))
 
 
 def _cells(
     matrix: Matrix, planned: Mapping[str, Combination], contents: Contents, changing: Changing
 ) -> tuple[tuple[Cell, ...], tuple[str, ...]]:
     """Return the cells, each followed by its changed copies, and a line for each expectation that fits no cell."""
-    expected = [_expected(matrix, index, table) for index, table in enumerate(matrix.expect)]
-    of_changed = [each for each in expected if each.of_changed]
-    met: set[str] = set()
+    expected = [
+        _Expected(index, table, condition(matrix, table.when), convert(table, Expectation, from_attributes=True))
+        for index, table in enumerate(matrix.expect)
+    ]
+    of_changed = [each for each in expected if each.table.of_changed]
+    met: set[int] = set()
     cells = []
     for name, combination in planned.items():
         cell = Cell(
@@ -250,25 +252,18 @@ def _cells(
         )
         hit = next((each for each in expected if each.fits(cell, combination)), None)
         if hit:
-            met.add(hit.place)
+            met.add(hit.number)
             cell = replace(cell, expect=hit.expectation)
         cells.append(cell)
         for changed in changing.of(cell, combination):
             hit = next((each for each in of_changed if each.fits(changed, combination)), None)
             if hit:
-                met.add(hit.place)
+                met.add(hit.number)
             cells.append(replace(changed, expect=hit.expectation) if hit else changed)
-    unmet = (each for each in expected if each.place not in met)
-    return tuple(cells), tuple(f'{each.place} matches no cell (reason: "{each.expectation.reason}")' for each in unmet)
-
-
-def _expected(matrix: Matrix, index: int, table: ExpectTable) -> _Expected:
-    return _Expected(
-        place=f"{_file(matrix)}: expect[{index}]",
-        glob=table.cells,
-        when=condition(matrix, table.when),
-        of_changed=table.of_changed,
-        expectation=convert(table, Expectation, from_attributes=True),
+    return tuple(cells), tuple(
+        f'{_file(matrix)}: expect[{each.number}] matches no cell (reason: "{each.table.reason}")'
+        for each in expected
+        if each.number not in met
     )
 
 

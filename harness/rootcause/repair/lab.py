@@ -64,13 +64,9 @@ class Lab:
             return self.base
         changed_cell = changes.apply(self.base, change, self.recipes)
         tried = Tried(name="repair", reason="a remedy is looked for", change=change, proving=True)
-        return replace(
-            changed_cell,
-            id=_id(self.base, change),
-            base=self.base.id,
-            tried=tried,
-            expect=None,
-        )
+        name = f"repair-{cellid.digest(repr(sorted(change.plain.items())))}"
+        cell_id = changes.id_of(self.base, name, change)
+        return replace(changed_cell, id=cell_id, base=self.base.id, tried=tried, expect=None)
 
     def same(self, first: Change, other: Change) -> bool:
         """Return whether two changes make the same cell. Raises ValueError as `cell` does."""
@@ -118,11 +114,6 @@ class Lab:
         alike = (one for one in whole if not one.at_hand and one.works)
         return next((one for one in alike if (one.record.lock_sha256, one.record.python) == (lock, python)
                      and one.cell.environment == trial.cell.environment), None)  # fmt: skip
-
-
-def _id(cell: Cell, change: Change) -> str:
-    digest = cellid.digest(repr(sorted(change.plain.items())))
-    return changes.id_of(cell, f"repair-{digest}", change)
 
 
 # --- what came of it -------------------------------------------------------------------------------------------
