@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from typing import cast
 
 import msgspec
 from msgspec import Struct
@@ -39,7 +40,7 @@ def read(text: str, path: str) -> Expansion:
 
 def text_of(expansion: Expansion) -> str:
     """Return the committed form of an expansion: the same bytes for the same content."""
-    return msgspec.json.format(msgspec.json.encode(expansion, enc_hook=str), indent=2).decode() + "\n"
+    return msgspec.json.format(msgspec.json.encode(expansion), indent=2).decode() + "\n"
 
 
 def expand(
@@ -53,7 +54,9 @@ def expand(
             if not versions:
                 message = f'the index has no release that "{wanted[name].range}" allows'
                 raise ValueError(message)
-    return Expansion(matrix=matrix.name, instant=Instant(Instant.canonical(instant)), ranges=wanted, axes=axes)
+    # What was checked is a plain string: msgspec encodes no instance of `Instant`.
+    checked = cast("Instant", Instant.canonical(instant))
+    return Expansion(matrix=matrix.name, instant=checked, ranges=wanted, axes=axes)
 
 
 def expand_range(
