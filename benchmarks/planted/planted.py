@@ -51,7 +51,7 @@ class Planted(gymnasium.Env):
         self.model.body_inertia[1] *= 1 + self.size
 
     def plant_integrator(self):
-        self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+        self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
 
     def plant_contact(self):
         self.model.geom_solref[:, 0] *= 1 + self.size

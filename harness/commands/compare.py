@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from harness.probes.vault import MOST_FILE, Vault
 from harness.reports import publishing
 from harness.reports.text import progress
 from harness.running import behaviour_runs, scheduler
+from harness.standalone import wrapping
 from harness.standalone.output import print_json
 
 HELP = (
@@ -77,7 +79,7 @@ def main(args: argparse.Namespace) -> int:
         print(f"{first.id}\n{second.id}")
         print(f"  {sentences.moves(moved) or 'the same packages'}")
         for entry in entries:
-            print(entry.text)
+            print("\n".join(wrapping.wrap(entry.text, wrapping.width(sys.stdout))))
             for cell, frames in zip((first, second), entry.frames, strict=True):
                 print(f"  frame: {frames[0]}  ({cell.label})" if frames else f"  no frame of {cell.label}")
     codes = [exit_code(found) for found in comparisons]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 import msgspec
@@ -14,13 +15,14 @@ from harness.model import Cell
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Unreadable
 from harness.physics import sentences
-from harness.physics.comparison import Class, Comparison, compare
+from harness.physics.comparison import STARTS, Class, Comparison, compare
 from harness.physics.outputs import FORM, Bank, Outputs
 from harness.probes import array_files
 from harness.probes.vault import Vault
 from harness.reports import publishing
 from harness.reports.text import progress
 from harness.running import behaviour_runs, scheduler
+from harness.standalone import wrapping
 from harness.standalone.output import print_json
 
 HELP = (
@@ -85,7 +87,7 @@ def main(args: argparse.Namespace) -> int:
         )
         print_json(msgspec.json.encode(document))
     else:
-        print(text)
+        print("\n".join(wrapping.wrap(text, wrapping.width(sys.stdout))))
     return exit_code(difference)
 
 
@@ -93,8 +95,7 @@ def exit_code(difference: Comparison) -> int:
     """Return 0 for the same behaviour, 1 for another one, 3 where that cannot be told."""
     if difference.kind in {Class.UNDECIDED, Class.NOT_COMPARABLE, Class.NONDETERMINISTIC}:
         return 3
-    starts = {Class.RESEEDED, Class.OTHER_START}
-    return 0 if difference.agrees and difference.start not in starts else 1
+    return 0 if difference.agrees and difference.start not in STARTS else 1
 
 
 def _write(

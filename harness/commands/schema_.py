@@ -29,6 +29,8 @@ DOCUMENTS = {
     "bisect": ("`bisect.json`, and `--json` of bisect", "rootcause.bisection.certificates", "BisectDocument"),
     "doctor": ("`doctor --json`", "commands.doctor", "Doctored"),
     "explain": ("`explain --json`", "commands.explain", "Explained"),
+    "compare": ("`compare --json`", "commands.compare", "ComparedCells"),
+    "freeze": ("`freeze --check --json`", "commands.freeze", "BehaviourCheck"),
     "recommend": ("`recommend --json`", "reports.answers.recommended", "Recommended"),
     "known": ("`known --json`", "commands.known", "KnownDocument"),
     "repair": ("`repair.json`, and `repair --json`", "rootcause.repair.proofs", "RepairDocument"),

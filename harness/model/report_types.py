@@ -88,7 +88,7 @@ class BoundaryEntry(msgspec.Struct, frozen=True, kw_only=True):
 
     `moved` are other packages whose versions differ between the two cells: where there are any, the change is not
     separated from them. `between` are releases between the two that were not measured. `largest` and `median` are the
-    differences of `output` in typical sizes, `share` is the share of the states that differ. `changelog` is what the
+    relative differences of `output`, `share` is the share of the states that differ. `changelog` is what the
     changelog of the package says of it.
     """
 

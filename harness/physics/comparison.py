@@ -22,6 +22,10 @@ PRECISION_GAIN = 100.0
 SAME_MODEL = 1e-12
 """Relative difference of the sums of an array of the model that is rounding."""
 
+SAME_ROTATION = frozenset({"body_quat", "body_iquat", "geom_quat"})
+"""Arrays of the model that are not held against each other: a quaternion and its negative are one rotation, and
+principal axes can be named in another order."""
+
 STAGES = ("kinematics", "collision", "actuation", "passive", "bias", "acceleration", "constraint", "solver")
 
 
@@ -44,6 +48,9 @@ class Class(StrEnum):
     OTHER_START = "other_start"
 
 
+STARTS = frozenset({Class.RESEEDED, Class.OTHER_START})
+"""Classes of resets that do not start alike."""
+
 AGREEING = frozenset({Class.IDENTICAL, Class.ROUND_OFF, Class.SOLVER_PRECISION})
 """Classes of two cells that belong to one family."""
 
@@ -52,7 +59,7 @@ AGREEING = frozenset({Class.IDENTICAL, Class.ROUND_OFF, Class.SOLVER_PRECISION})
 class Difference:
     """The difference of one output.
 
-    `largest` and `median` are of the states that differ, in typical sizes of the numbers; `share` is the share of
+    `largest` and `median` are relative differences, of the states that differ (see `gaps`); `share` is the share of
     states whose difference is beyond `CHANGED_RATIO`, `state` the one with the largest ratio, `ratio` that ratio.
     """
 
@@ -113,7 +120,7 @@ def compare(first: Outputs, second: Outputs, bank: Bank) -> Comparison:
     return Comparison(
         kind=_sum_up(first, second, dynamics, warm_start, differences),
         dynamics=Class.CHANGED if warm_start else dynamics,
-        start=_start(first, second),
+        start=_comparable_start(_start(first, second), differences["observation"]),
         differences=tuple(differences.values()),
         stage=stage.name if dynamics not in {Class.IDENTICAL, Class.ROUND_OFF} else None,
         start_of_stage=stage.start if dynamics not in {Class.IDENTICAL, Class.ROUND_OFF} else None,
@@ -126,14 +133,17 @@ def _sum_up(
     first: Outputs, second: Outputs, dynamics: Class, warm_start: bool, differences: Mapping[str, Difference]
 ) -> Class:
     actions = [outputs.facts["spaces"].get("action_space") for outputs in (first, second)]
+    # What is seen of another state is no other observation, reward or end.
+    alike = dynamics in {Class.IDENTICAL, Class.ROUND_OFF}
+    observation, reward, ended = (differences[name].kind for name in ("observation", "reward", "ended"))
     by_weight = (
         (Class.OTHER_INTERFACE, actions[0] != actions[1]),
         (Class.CHANGED, dynamics is Class.CHANGED or warm_start),
-        (Class.OTHER_OBSERVATION, differences["observation"].kind in {Class.CHANGED, Class.OTHER_OBSERVATION}),
-        (Class.OTHER_REWARD, differences["reward"].kind is Class.CHANGED),
-        (Class.OTHER_TERMINATION, differences["ended"].kind is Class.CHANGED),
+        (Class.OTHER_OBSERVATION, observation is Class.OTHER_OBSERVATION or (alike and observation is Class.CHANGED)),
+        (Class.OTHER_REWARD, alike and reward is Class.CHANGED),
+        (Class.OTHER_TERMINATION, alike and ended is Class.CHANGED),
     )
-    kinds = [dynamics, differences["observation"].kind, differences["reward"].kind]
+    kinds = [dynamics, observation, reward]
     order = (Class.UNDECIDED, Class.SOLVER_PRECISION, Class.ROUND_OFF)
     fitting = [kind for kind, holds in by_weight if holds] + [kind for kind in order if kind in kinds]
     return fitting[0] if fitting else Class.IDENTICAL
@@ -215,9 +225,11 @@ def _dynamics(
     kinds = [differences[name].kind for name in ("step", "state") if name in differences]
     if Class.CHANGED not in kinds:
         return next((kind for kind in (Class.UNDECIDED, Class.ROUND_OFF) if kind in kinds), Class.IDENTICAL)
-    if "exact_step" in bank.noise and stage.only_solver and _only_precision(first, second, bank):
-        return Class.SOLVER_PRECISION
-    return Class.CHANGED
+    if not (stage.only_solver and "exact_step" in bank.noise):
+        return Class.CHANGED
+    if differences["step"].kind is not Class.CHANGED:
+        return Class.UNDECIDED  # the solver was run to its end for the first step of the simulator alone
+    return Class.SOLVER_PRECISION if _only_precision(first, second, bank) else Class.CHANGED
 
 
 def _only_precision(first: Outputs, second: Outputs, bank: Bank) -> bool:
@@ -279,7 +291,7 @@ def _model(first: Outputs, second: Outputs) -> tuple[str, ...]:
         pairs = zip(left[name], right[name], strict=True)
         return any(abs(a - b) > SAME_MODEL * max(abs(a), abs(b)) for a, b in pairs)
 
-    return tuple(name for name in left if name in right and differs(name))
+    return tuple(name for name in left if name in right and name not in SAME_ROTATION and differs(name))
 
 
 # --- starts ----------------------------------------------------------------------------------------------------
@@ -301,6 +313,12 @@ def _start(first: Outputs, second: Outputs) -> Class:
         return Class.ROUND_OFF
     chances = [_same_distribution(a, b) for a, b in zip(left.T, right.T, strict=True) if len({*a, *b}) > 1]
     return Class.OTHER_START if any(_discoveries(chances)) else Class.RESEEDED
+
+
+def _comparable_start(start: Class, observation: Difference) -> Class:
+    """Return the class of the starts, which are seen through observations: other ones show nothing of them."""
+    same = observation.kind not in {Class.CHANGED, Class.OTHER_OBSERVATION}
+    return start if same or start not in STARTS else Class.NOT_COMPARABLE
 
 
 def _same_distribution(first: Array, second: Array) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from string import ascii_uppercase
 
-from harness.physics.comparison import Class, Comparison
+from harness.physics.comparison import STARTS, Class, Comparison
 
 Compare = Callable[[str, str], Comparison]
 """Compares two cells, named by their ids."""
@@ -15,7 +15,7 @@ Compare = Callable[[str, str], Comparison]
 
 @dataclass(frozen=True, kw_only=True)
 class Boundary:
-    """Two neighbouring cells along an axis that do not behave alike.
+    """Two neighbouring cells along an axis that do not behave, or do not start, alike.
 
     `moved` maps each package whose version differs in their locks to both versions: if it is the axis alone, the
     boundary is that package's. `between` are values of the axis between the two that were not measured.
@@ -39,12 +39,17 @@ def families(cells: Sequence[str], compare: Compare) -> dict[str, str]:
     """Return the letters of each cell's families, in the order of the cells.
 
     A cell joins a family if it agrees with all its members; one that agrees with several has several letters. A prime
-    marks a cell that agrees with some member only to the precision of the solver.
+    marks a cell that agrees with some member only to the precision of the solver. A question mark marks one of which it
+    cannot be decided whether it agrees. Neither counts as a member.
     """
     members: list[list[str]] = []
     letters: dict[str, str] = {}
     for cell in cells:
         fitting = [number for number, family in enumerate(members) if all(compare(cell, one).agrees for one in family)]
+        doubtful = [] if fitting else [n for n, family in enumerate(members) if _may_agree(cell, family, compare)]
+        if doubtful:
+            letters[cell] = letter(doubtful[0]) + "?"
+            continue
         if not fitting:
             members.append([])
             fitting = [len(members) - 1]
@@ -54,6 +59,11 @@ def families(cells: Sequence[str], compare: Compare) -> dict[str, str]:
             for number in fitting:
                 members[number].append(cell)
     return letters
+
+
+def _may_agree(cell: str, family: Sequence[str], compare: Compare) -> bool:
+    """Return whether nothing shows that a cell differs from a member of a family."""
+    return all(compare(cell, one).agrees or compare(cell, one).kind is Class.UNDECIDED for one in family)
 
 
 def letter(number: int) -> str:
@@ -83,7 +93,7 @@ def boundaries(
     for before, after in pairwise(measured):
         pair = cells[before], cells[after]
         comparison = compare(*pair)
-        if not comparison.agrees:
+        if not comparison.agrees or comparison.start in STARTS:
             places = values.index(before), values.index(after)
             result.append(
                 Boundary(

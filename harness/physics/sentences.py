@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from harness.physics.comparison import Class, Comparison, Difference
+from harness.physics.comparison import STARTS, Class, Comparison, Difference
 
 OUTPUTS = {
     "step": "the next state of the simulator",
@@ -21,7 +21,7 @@ KINDS = {
     Class.IDENTICAL: "behaves identically, to the bit",
     Class.ROUND_OFF: "behaves the same, up to rounding",
     Class.SOLVER_PRECISION: "behaves the same, up to the precision of the solver",
-    Class.UNDECIDED: "differs by more than rounding and by less than any known change",
+    Class.UNDECIDED: "cannot be decided: it differs by more than rounding, and no change is shown",
     Class.CHANGED: "behaves otherwise",
     Class.NOT_EXERCISED: "was not exercised",
     Class.NOT_COMPARABLE: "cannot be compared: the states could not be set",
@@ -49,7 +49,7 @@ def describe(comparison: Comparison) -> str:
             parts.append("only a stored warm start shows it")
         if comparison.model:
             parts.append(f"the model differs in {', '.join(comparison.model)}")
-    if comparison.start in {Class.RESEEDED, Class.OTHER_START}:
+    if comparison.start in STARTS:
         parts.append(f"it {KINDS[comparison.start]}")
     return "; ".join(parts)
 
@@ -68,7 +68,7 @@ def size(difference: Difference) -> str:
     share = f"in {percent(difference.share)} of the states"
     if not difference.largest:
         return share
-    return f"{share}, by up to {number(difference.largest)} of its typical size (median {number(difference.median)})"
+    return f"{share}, relative difference up to {number(difference.largest)} (median {number(difference.median)})"
 
 
 def percent(share: float) -> str:

@@ -6,40 +6,44 @@ from collections.abc import Sequence
 from functools import cache
 
 import msgspec
-from packaging.version import Version
 
 from harness.machine.files import given_files
 from harness.model.schema import load_toml
 from harness.running import open_matrix
 
 FOLDER = "changelogs"
-NOT_THERE = "In no changelog."
 
 
 class ReleaseNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The entries of one release that may change how a simulation behaves, in the words of the changelog."""
+    """The entries of one release that may change how a simulation behaves; empty where it was read and has none."""
 
     version: str
     says: str
 
 
 class Changelog(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A changelog as far as it was read: where it is, up to which release, and what it says."""
+    """The releases of a package whose changelog was read, and where it is."""
 
     source: str
-    read_until: str
     release: tuple[ReleaseNote, ...] = ()
 
 
 def look_up(package: str, releases: Sequence[str]) -> str:
-    """Return what the changelog says of these releases, or that it says nothing; empty if it was not read."""
+    """Return what the changelog says of each release, or that it says nothing, or was not read.
+
+    Empty for a package without a file.
+    """
     log = _changelog(package)
     if log is None:
         return ""
-    notes = [f"The changelog of {one.version} says: {one.says}" for one in log.release if one.version in releases]
-    if any(Version(release) > Version(log.read_until) for release in releases):
-        notes.append(f"The changelog was read up to {log.read_until}.")
-    return " ".join(notes) or NOT_THERE
+    notes = {note.version: note.says for note in log.release}
+    return " ".join(_sentence(release, notes.get(release)) for release in releases)
+
+
+def _sentence(release: str, says: str | None) -> str:
+    if says is None:
+        return f"The changelog of {release} was not read."
+    return f"The changelog of {release} says: {says}" if says else f"Not in the changelog of {release}."
 
 
 @cache

@@ -6,7 +6,7 @@ import os
 import re
 import shutil
 import textwrap
-from typing import Iterable, Iterator, Optional, TextIO
+from typing import Iterable, Iterator, List, Optional, TextIO
 
 SENTENCE = re.compile(r"^(?:cause|also|remedy|that is|warning|note|hidden by): +")
 NARROWEST = 40
@@ -32,8 +32,13 @@ def wrap_lines(lines: Iterable[str], columns: Optional[int]) -> Iterator[str]:
         if columns is None or label is None or len(line) <= columns:
             yield line
         else:
-            indent = " " * min(len(label.group(0)), NARROWEST // 2)
-            # No word is cut, not even at its hyphens: a package, a path or an option has to be copied whole.
-            yield from textwrap.wrap(
-                line, columns, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
-            )
+            yield from wrap(line, columns, min(len(label.group(0)), NARROWEST // 2))
+
+
+def wrap(line: str, columns: Optional[int], indent: int = 2) -> List[str]:
+    """Break a line between words; what follows the first line is indented. No word is cut, not even at its hyphens."""
+    if columns is None:
+        return [line]
+    # A package, a path or an option has to be copied whole.
+    below = " " * indent
+    return textwrap.wrap(line, columns, subsequent_indent=below, break_long_words=False, break_on_hyphens=False)

@@ -71,7 +71,7 @@ def _table(axis: str, rest: tuple[tuple[str, str], ...], cells: list[CellEntry])
     ranges = list(pairwise([*starts, len(by_release)]))
     releases = [cell.axes[axis] for cell in by_release]
     rows = {env: tuple("".join(dict.fromkeys(families[env][start:end])) for start, end in ranges) for env in envs}
-    letters = {env: {letter for letter in families[env] if letter != ABSENT} for env in envs}
+    letters = {env: {letter.rstrip("?'") for letter in families[env] if letter != ABSENT} for env in envs}
     return FamilyTable(
         axis=axis,
         where=", ".join(f"{name} {value}" for name, value in rest),
@@ -120,14 +120,14 @@ def changes(boundaries: Iterable[BoundaryEntry]) -> tuple[Change, ...]:
 def _change(group: list[BoundaryEntry]) -> Change:
     first = group[0]
     moved = ", ".join(f"{name} {one or 'absent'} to {other or 'absent'}" for name, (one, other) in first.moved.items())
-    lines = dict.fromkeys((one.env or one.case, one.text) for one in group)
+    lines = _joined({one.env or one.case: (one.text,) for one in group})
     return Change(
         axis=first.axis,
         before=first.before,
         after=first.after,
         between=first.between,
         moved=moved,
-        lines=tuple(lines),
+        lines=tuple((envs, text) for envs, (text,) in lines),
         cells=first.cells,
         changelog=first.changelog,
     )

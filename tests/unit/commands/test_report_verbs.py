@@ -240,6 +240,8 @@ class TestSchema:
             "bisect",
             "doctor",
             "explain",
+            "compare",
+            "freeze",
             "recommend",
             "known",
             "repair",

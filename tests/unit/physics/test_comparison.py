@@ -137,6 +137,19 @@ def test_what_more_iterations_take_away_is_the_precision_of_the_solver() -> None
     assert compare(outputs(), lasting, bank()).kind is Class.CHANGED
 
 
+def test_what_follows_from_the_solver_is_no_other_observation() -> None:
+    """The observation and the reward differ because the state does."""
+    step = moved("step", 1e-6, state=1e-6, observation=1e-6, reward=1e-6).arrays
+    other = outputs(**{**step, "stages": stage(0, 7)})
+    assert compare(outputs(), other, bank()).kind is Class.SOLVER_PRECISION
+
+
+def test_a_solver_that_differs_later_in_the_step_is_undecided() -> None:
+    """It was run to its end for the first step of the simulator alone."""
+    other = outputs(**{**moved("state", 1e-6, observation=1e-6).arrays, "stages": stage(1, 7)})
+    assert compare(outputs(), other, bank()).kind is Class.UNDECIDED
+
+
 def test_a_difference_only_from_the_stored_warm_start_is_named_so() -> None:
     """Steps from a zeroed warm start agree."""
     found = compare(outputs(), moved("warm_step", 1e-6), bank())
@@ -182,11 +195,21 @@ def test_another_generator_is_told_from_another_distribution_of_starts() -> None
     assert rounded.start is Class.ROUND_OFF
 
 
+def test_starts_are_not_compared_through_other_observations() -> None:
+    """An observation in another order shows nothing of where an episode starts."""
+    plain = outputs().arrays
+    turned = {name: np.ascontiguousarray(plain[name][:, ::-1]) for name in ("observation", "reset")}
+    found = compare(outputs(), outputs(**turned), bank())
+    assert (found.kind, found.start) == (Class.OTHER_OBSERVATION, Class.NOT_COMPARABLE)
+
+
 def test_arrays_of_the_model_that_differ_are_named() -> None:
     """Rounding in a compiler is not."""
     one = with_facts(model={"body_mass": [2, 1.0 + 1e-15]})
     assert compare(outputs(), one, bank()).model == ()
     assert compare(outputs(), with_facts(model={"body_mass": [2, 1.001]}), bank()).model == ("body_mass",)
+    turned = [with_facts(model={"body_iquat": [4, sign]}) for sign in (1.0, -1.0)]
+    assert compare(*turned, bank()).model == ()  # one rotation
 
 
 def test_numbers_that_are_not_finite_differ_from_those_that_are() -> None:

@@ -40,6 +40,13 @@ def test_what_only_the_solver_explains_keeps_the_letter_with_a_prime() -> None:
     assert families(["a", "b", "c"], compare) == {"a": "A", "b": "A'", "c": "A"}
 
 
+def test_what_cannot_be_decided_has_a_question_mark_and_is_no_member() -> None:
+    """A later cell that agrees with it, and not with the family, is no member either."""
+    undecided = {frozenset("ab"): Class.UNDECIDED, frozenset("ac"): Class.UNDECIDED}
+    compare = by_value({"a": 0, "b": 0, "c": 0, "d": 9}, undecided)
+    assert families(["a", "b", "c", "d"], compare) == {"a": "A", "b": "A?", "c": "A?", "d": "B"}
+
+
 def test_letters_go_on_after_z() -> None:
     """There may be more families than letters."""
     assert [letter(number) for number in (0, 25, 26, 53)] == ["A", "Z", "A1", "B2"]
@@ -58,6 +65,14 @@ def test_a_boundary_names_the_release_only_where_nothing_else_moved() -> None:
         ("3.4", "3.6", False, ("3.5",)),
     ]
     assert found[1].moved == {"core": (None, "1"), "mujoco": ("3.4", "3.6"), "numpy": ("1", "2")}
+
+
+def test_neighbours_that_only_start_otherwise_have_a_boundary() -> None:
+    """They are one family, and the report says that they start from other states."""
+    alike = Comparison(kind=Class.ROUND_OFF, dynamics=Class.ROUND_OFF, start=Class.OTHER_START)
+    found = boundaries("mujoco", ["3.3", "3.4"], {"3.3": "a", "3.4": "b"}, INSTALLED, lambda *_: alike)
+    assert [one.comparison.start for one in found] == [Class.OTHER_START]
+    assert families(["a", "b"], lambda *_: alike) == {"a": "A", "b": "A"}
 
 
 def test_neighbours_that_agree_have_no_boundary() -> None:

@@ -1,0 +1,33 @@
+"""The changelog of a package beside a boundary: what it says, that it says nothing, or that it was not read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from harness.reports import changelogs
+from harness.running import open_matrix
+
+
+def test_only_what_was_read_is_claimed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A release that is not listed was not read; nothing is said of it."""
+    (tmp_path / "changelogs").mkdir()
+    up = '[[release]]\nversion = "1.1"\nsays = "Gravity points up."\n'
+    text = f'source = "address"\n{up}[[release]]\nversion = "1.2"\nsays = ""\n'
+    (tmp_path / "changelogs" / "sim.toml").write_text(text, encoding="utf-8")
+    monkeypatch.setattr(open_matrix, "data_folder", lambda: tmp_path)
+    assert changelogs.look_up("sim", ("1.1",)) == "The changelog of 1.1 says: Gravity points up."
+    assert changelogs.look_up("sim", ("1.2", "1.3")) == (
+        "Not in the changelog of 1.2. The changelog of 1.3 was not read."
+    )
+
+
+def test_a_package_without_a_file_has_no_sentence() -> None:
+    """Nothing is claimed of it."""
+    assert changelogs.look_up("no-such-package", ("1.0",)) == ""
+
+
+def test_the_committed_changelogs_can_be_read() -> None:
+    """MuJoCo's is there, and says what mended the mid-phase."""
+    assert "geom margin to be ignored" in changelogs.look_up("mujoco", ("3.0.0",))
