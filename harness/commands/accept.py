@@ -102,7 +102,7 @@ def _load_entries(plan: Plan) -> dict[str, list[CellEntry]]:
 def _read_entries(source: str, plan: Plan) -> dict[str, list[CellEntry]]:
     """Return the results of a report by cell id. Raises BadInput if its cells differ from the matrix as it is now."""
     path = report.locate(source)
-    source_report = document.read(given_files.read_content(path), str(path))
+    source_report = document.read_file(path)
     planned = {cell.id: cell for cell in plan.cells}
     entries = [entry for entry in source_report.cells if entry.id in planned]
     mark = document.marks()

@@ -234,9 +234,9 @@ def _working_versions(request: BisectRequest) -> Iterator[str]:
             if plainly_good(assessment.verdict, assessment.unverified):
                 yield record.installed.get(request.axis, "")
     before = result_index.load()
-    for cell in before["cells"]:
-        if plainly_good(cell["verdict"], cell["unverified"]) and envs & {case["env"] for case in cell["cases"]}:
-            yield dict(before["locks"].get(cell["lock"], ())).get(request.axis, "")
+    for cell in before.cells:
+        if plainly_good(cell.verdict, cell.unverified) and envs & {case.env for case in cell.cases}:
+            yield dict(before.locks.get(cell.lock or "", ())).get(request.axis, "")
 
 
 # --- what is left of it ----------------------------------------------------------------------------------------

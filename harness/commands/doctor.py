@@ -143,7 +143,7 @@ def main(args: argparse.Namespace) -> int:
         doctor_pyz.write(args.standalone)
         print(f"{args.standalone}: type `python {args.standalone} doctor` or `... explain FILE` where no harness is")
         return 0
-    knowledge = doctor.Knowledge(explain.signatures(), result_index.load)
+    knowledge = doctor.Knowledge(explain.signatures(), result_index.load_plain)
     request = doctor.Request(args.python, args.env, dict(os.environ), str(Path.cwd()))
     looks = in_place.HostInspection(env=args.env, api=args.api, rendering=args.rendering)
     try:

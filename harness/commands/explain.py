@@ -55,7 +55,7 @@ def main(args: argparse.Namespace) -> int:
     """Explain a text, or run the command and explain it where it fails, or open a known issue."""
     if args.id is not None:
         return _open(args.id)
-    knows = explain.Knowledge(signatures=signatures, measured=result_index.load)
+    knows = explain.Knowledge(signatures=signatures, measured=result_index.load_plain)
     try:
         if args.after is None:
             return explain.of_text(args, knows, Place())
@@ -66,7 +66,7 @@ def main(args: argparse.Namespace) -> int:
 
 def _open(identifier: str) -> int:
     """Print a known issue; the exit code is 0. Raises BadInput."""
-    issue = known_issues.find(identifier, issue_texts.load(), result_index.load()["cells"])
+    issue = known_issues.find(identifier, issue_texts.load(), result_index.load().cells)
     width = shutil.get_terminal_size().columns
     print("\n".join(text for line in known_issues.lines(issue) for text in wrapped(line, width)))
     return 0

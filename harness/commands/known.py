@@ -53,9 +53,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Print measured packages and known issues: all, or those of a name. An unknown name raises BadInput (exit 2)."""
-    document = result_index.load()
-    issues = known_issues.with_cells(issue_texts.load(), document["cells"])
-    answer = _answer(args.name, measured_cells.read(document), issues)
+    measured = result_index.load()
+    issues = known_issues.with_cells(issue_texts.load(), measured.cells)
+    answer = _answer(args.name, measured_cells.read(measured), issues)
     if args.json:
         print_json(msgspec.json.encode(answer))
         return 0
@@ -94,7 +94,7 @@ def _package(name: str, cells: Sequence[CellResult], issues: Sequence[Issue]) ->
         works=tuple(sorted(works, key=Version, reverse=True)),
         others=tuple(sorted(others, key=Version, reverse=True)),
         cells=len(mine),
-        reports=tuple(sorted({one.cell["matrix"] for one in mine})),
+        reports=tuple(sorted({one.cell.matrix for one in mine})),
         issues=tuple(one.id for one in issues if name in _concerned(one)),
     )
 

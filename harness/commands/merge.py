@@ -12,7 +12,6 @@ from pathlib import Path, PurePosixPath
 
 from harness.commands import arguments
 from harness.machine import store
-from harness.machine.files import given_files
 from harness.model import Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import Document, format_count
@@ -129,10 +128,10 @@ class _Files:
 
     def read_report(self, path: Path) -> merging.Source:
         """Read a report, and replace the name of each file by a token of its path and content."""
-        report = document.read(given_files.read_content(path), str(path))
+        report = document.read_file(path)
         tokens = {name: self._token(path.parent, name) for name in sorted(document.paths(report))}
         self.missing += sum(not token for token in tokens.values())
-        return merging.Source(name=str(path), document=merging.replace_paths(report, tokens))
+        return merging.Source(name=str(path), document=document.relocate(report, tokens.__getitem__))
 
     def _token(self, folder: Path, name: str) -> str:
         path = PurePosixPath(name)

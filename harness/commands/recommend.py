@@ -53,11 +53,11 @@ def _phases(text: str) -> tuple[Phase, ...]:
 def main(args: argparse.Namespace) -> int:
     """Print the combinations that were measured. Return 0 if one of them works, else 1."""
     query = _query(args)
-    document = result_index.load()
-    cells = measured_cells.read(document)
+    measured = result_index.load()
+    cells = measured_cells.read(measured)
     _check(cells, query, offline=args.offline)
     limit = len(cells) if args.all else max(args.limit, 1)
-    answer = build_answer(document, cells, query, limit, _try_command(query))
+    answer = build_answer(cells, query, limit, _try_command(query))
     if args.lock_out:
         _write(args.lock_out, next(iter(answer.measured), None), query, offline=args.offline)
     if args.json:
@@ -65,7 +65,7 @@ def main(args: argparse.Namespace) -> int:
     else:
         names = {name for one in cells for name in one.about}
         width = shutil.get_terminal_size().columns
-        print("\n".join(recommended_text.lines(answer, document["machines"], names, width, whole=args.all)))
+        print("\n".join(recommended_text.lines(answer, measured.machines, names, width, whole=args.all)))
     return 0 if answer.measured else 1
 
 

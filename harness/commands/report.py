@@ -10,7 +10,6 @@ from pathlib import Path
 
 from harness.commands import arguments
 from harness.machine import store
-from harness.machine.files import given_files
 from harness.model.errors import BadInput
 from harness.model.report_types import Document
 from harness.model.schema import suggestion
@@ -121,7 +120,7 @@ def locate(name: str) -> Path:
 
 def _read(sources: Sequence[Path], out: Path | None) -> Document:
     """Read reports and combine them into one. A single one keeps its paths, so its page stays the same to the byte."""
-    documents = [document.read(given_files.read_content(source), str(source)) for source in sources]
+    documents = [document.read_file(source) for source in sources]
     if len(sources) == 1:
         return document.relocate(documents[0], _carried(sources[0].parent, out)) if out else documents[0]
     moved = [_moved(made, source, out or Path()) for made, source in zip(documents, sources, strict=True)]

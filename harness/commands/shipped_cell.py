@@ -30,22 +30,20 @@ def load(cell: str) -> Document:
 
 def lock_of(cell: str) -> lock_files.MeasuredLock:
     """Return the lock of a measured cell. Raises BadInput where it has none."""
-    index = result_index.load()
-    matches = [one for one in index["cells"] if one["id"] == cell and one["lock"]]
-    if not matches:
+    measured = result_index.load()
+    entry = next((one for one in measured.cells if one.id == cell and one.lock), None)
+    if entry is None or entry.lock is None:
         message = f"{cell}: has no lock"
         raise BadInput(message)
-    from harness.reports.answers import digest  # noqa: PLC0415 - start-up
     from harness.running import lock_files  # noqa: PLC0415 - start-up
 
-    entry = matches[0]
     return lock_files.MeasuredLock(
-        lock=digest.lock_text(index, entry["lock"]),
+        lock=measured.lock_text(entry.lock),
         cell=cell,
-        python=entry["python"],
-        machine=entry["machine"],
-        measured=entry["measured"],
-        settings=entry["environment"],
+        python=str(entry.python),
+        machine=entry.machine,
+        measured=entry.measured,
+        settings=entry.environment,
     )
 
 

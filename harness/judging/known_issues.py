@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from harness.model.errors import BadInput
+from harness.model.measured import MeasuredCell
 from harness.model.report_types import format_count
 from harness.standalone.failures.remedies import in_words
 
@@ -51,7 +52,7 @@ def from_signature(signature: Signature) -> Issue:
     )
 
 
-def find(identifier: str, issues: Iterable[Issue], cells: Iterable[Mapping[str, Any]]) -> Issue:
+def find(identifier: str, issues: Iterable[Issue], cells: Iterable[MeasuredCell]) -> Issue:
     """Return the known issue of an id, with or without `silent:` before it. Raises BadInput."""
     there = tuple(issues)
     issue = lookup(identifier, there)
@@ -69,12 +70,12 @@ def lookup(identifier: str, issues: Iterable[Issue]) -> Issue | None:
     return next((one for one in issues if name in {one.id, *one.formerly}), None)
 
 
-def with_cells(issues: Iterable[Issue], cells: Iterable[Mapping[str, Any]]) -> list[Issue]:
+def with_cells(issues: Iterable[Issue], cells: Iterable[MeasuredCell]) -> list[Issue]:
     """Return known issues with the measured cells that have them."""
     held: dict[str, list[str]] = {}
     for cell in cells:
-        for name in (*cell["causes"], *(text.removeprefix("silent:") for text in cell["unverified"])):
-            held.setdefault(name, []).append(cell["id"])
+        for name in (*cell.causes, *(text.removeprefix("silent:") for text in cell.unverified)):
+            held.setdefault(name, []).append(cell.id)
     return [msgspec.structs.replace(one, cells=tuple(dict.fromkeys(held.get(one.id, ())))) for one in issues]
 
 

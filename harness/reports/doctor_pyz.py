@@ -9,12 +9,11 @@ import io
 import json
 import os
 import zipfile
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from harness.machine import store
 from harness.matrix.signatures import Signature
+from harness.model.measured import Measured
 from harness.reports.answers import digest, result_index
 from harness.running.signatures import shipped_signatures
 from harness.standalone import adapters
@@ -47,7 +46,7 @@ def write(path: Path) -> None:
     path.chmod(EXECUTABLE)
 
 
-def content(signatures: tuple[Signature, ...], results: Mapping[str, Any]) -> bytes:
+def content(signatures: tuple[Signature, ...], results: Measured) -> bytes:
     """Return the bytes of the whole file."""
     files = (*PACKAGE.rglob("*.py"), *PACKAGE.glob("vendored/*/LICENSE*"))
     ours = {file.relative_to(PACKAGE).as_posix(): file for file in sorted(files)}
@@ -56,7 +55,7 @@ def content(signatures: tuple[Signature, ...], results: Mapping[str, Any]) -> by
         **{f"{INSIDE}/{name}": file.read_bytes() for name, file in ours.items()},
         f"{INSIDE}/signatures.json": json.dumps([one.as_file for one in signatures], sort_keys=True).encode(),
         f"{INSIDE}/{adapters.CARRIED}": adapters.encode_declarations(),
-        f"{INSIDE}/measured.json.gz": digest.packed(dict(results)),
+        f"{INSIDE}/measured.json.gz": digest.packed(results),
     }
     buffer = io.BytesIO(SHEBANG)
     # Without the seek the archive would overwrite the first line.

@@ -9,6 +9,7 @@ import dataclasses
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from hashlib import sha256
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
@@ -18,6 +19,7 @@ from harness.judging import expectation
 from harness.judging.assess import Assessed, assess
 from harness.judging.assessed_case import AssessedCase
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
+from harness.machine.files import given_files
 from harness.matrix import changes
 from harness.matrix.signatures import Signature
 from harness.model import (
@@ -335,6 +337,11 @@ def read(content: bytes, name: str) -> Document:
     return _renamed(document)
 
 
+def read_file(path: Path) -> Document:
+    """Read the document in a file. Raises BadInput."""
+    return read(given_files.read_content(path), str(path))
+
+
 def _renamed(document: Document) -> Document:
     """Return the document with ids in today's format: earlier versions wrote them without separators."""
     names = {}
@@ -370,26 +377,28 @@ def _left_out(cell_id: str, document: Document) -> str:
 
 
 def relocate(document: Document, locate: Locate) -> Document:
-    """Return the document with every path replaced by `locate(path)`."""
+    """Return the document with every path replaced by `locate(path)`; one that becomes empty is left out."""
+    return msgspec.structs.replace(document, cells=tuple(relocate_cell(cell, locate) for cell in document.cells))
+
+
+def relocate_cell(cell: CellEntry, locate: Locate) -> CellEntry:
+    """Return a cell with every path replaced by `locate(path)`; one that becomes empty is left out."""
     replace = msgspec.structs.replace
 
+    def moved(path: str | None) -> str | None:
+        return (locate(path) or None) if path else None
+
     def case(entry: CaseEntry) -> CaseEntry:
-        evidence = {phase: locate(path) for phase, path in entry.evidence.items()}
-        return replace(entry, frames=tuple(locate(frame) for frame in entry.frames), evidence=evidence)
+        evidence = {phase: new for phase, path in entry.evidence.items() if (new := locate(path))}
+        return replace(entry, frames=tuple(filter(None, map(locate, entry.frames))), evidence=evidence)
 
-    def suite(entry: SuiteEntry) -> SuiteEntry:
-        return replace(entry, evidence=locate(entry.evidence) if entry.evidence else None)
-
-    def cell(entry: CellEntry) -> CellEntry:
-        return replace(
-            entry,
-            lock=locate(entry.lock) if entry.lock else None,
-            evidence=locate(entry.evidence) if entry.evidence else None,
-            suite=suite(entry.suite) if entry.suite else None,
-            cases=tuple(case(tried) for tried in entry.cases),
-        )
-
-    return replace(document, cells=tuple(cell(entry) for entry in document.cells))
+    return replace(
+        cell,
+        lock=moved(cell.lock),
+        evidence=moved(cell.evidence),
+        suite=replace(cell.suite, evidence=moved(cell.suite.evidence)) if cell.suite else None,
+        cases=tuple(map(case, cell.cases)),
+    )
 
 
 def paths(document: Document) -> frozenset[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from harness.machine import source_digests, store
-from harness.machine.files import given_files, guarded_files
+from harness.machine.files import guarded_files
 from harness.machine.this_machine import Machine
 from harness.model import CellRecord, Plan
 from harness.model.errors import HarnessError
@@ -54,7 +54,7 @@ def read(note: Path, made_of: str, folder: Path) -> Document | None:
     try:
         noted = guarded_files.read_decoded(note, MOST, lambda text: msgspec.json.decode(text, type=_Note))
         if noted == _Note(made_of, _files(folder)):
-            return document.read(given_files.read_content(folder / FILES[0]), str(folder / FILES[0]))
+            return document.read_file(folder / FILES[0])
     # Whatever is wrong with the note or the report, the report is made again.
     except (OSError, Unreadable, HarnessError):
         pass

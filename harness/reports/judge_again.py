@@ -15,7 +15,6 @@ from harness.judging.runs import case as judging
 from harness.judging.runs import suite
 from harness.machine import store
 from harness.machine.console import tell
-from harness.machine.files import given_files
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import Store
 from harness.model import CaseRecord, Cell, CellRecord, Plan
@@ -162,7 +161,7 @@ def _write(again: JudgedReport) -> None:
 
 def _tell_untold(folder: Path) -> None:
     path = folder / NAME
-    cells = document.read(given_files.read_content(path), str(path)).cells if path.is_file() else ()
+    cells = document.read_file(path).cells if path.is_file() else ()
     named = ", ".join(cell.id for cell in cells[:MOST_NAMED])
     more = f" and {len(cells) - MOST_NAMED} more" if len(cells) > MOST_NAMED else ""
     print(
@@ -176,7 +175,7 @@ def _altered(again: JudgedReport) -> Iterator[str]:
     path = again.folder / NAME
     if again.unchanged or not path.is_file():
         return
-    before = {(cell.id, cell.machine): cell for cell in document.read(given_files.read_content(path), str(path)).cells}
+    before = {(cell.id, cell.machine): cell for cell in document.read_file(path).cells}
     lines = []
     for cell in again.document.cells:
         old = before.get((cell.id, cell.machine))

@@ -191,24 +191,6 @@ def token(path: str, content: str) -> str:
     return f"{MARK.sub('', path)}\0{content}"
 
 
-def replace_paths(report: Document, tokens: Mapping[str, str]) -> Document:
-    """Return the document with tokens for paths; a path whose token is the empty text is removed."""
-    moved = document.relocate(report, lambda path: tokens[path])
-    return msgspec.structs.replace(moved, cells=tuple(_without_missing(cell) for cell in moved.cells))
-
-
-def _without_missing(cell: CellEntry) -> CellEntry:
-    cases = tuple(
-        msgspec.structs.replace(
-            case,
-            frames=tuple(frame for frame in case.frames if frame),
-            evidence={phase: path for phase, path in case.evidence.items() if path},
-        )
-        for case in cell.cases
-    )
-    return msgspec.structs.replace(cell, lock=cell.lock or None, evidence=cell.evidence or None, cases=cases)
-
-
 def assign_paths(report: Document) -> tuple[Document, dict[str, str]]:
     """Return the document with paths for tokens, and the path of each token: equal files are stored once."""
     contents: dict[str, list[str]] = {}

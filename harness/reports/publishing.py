@@ -19,7 +19,6 @@ from harness.judging.assess import assess
 from harness.judging.exercised import unregistered
 from harness.judging.runs.check import phase_of
 from harness.machine import store, this_machine
-from harness.machine.files import given_files
 from harness.machine.files.file_locks import exclusive
 from harness.machine.store import Store
 from harness.model import Cell, CellRecord, Plan, Verdict
@@ -203,7 +202,7 @@ def write(report: Document, folder: Path, pivot: tuple[str, str] | None, words: 
 
 def _sweep(folder: Path, named: frozenset[str]) -> None:
     try:
-        before = document.read(given_files.read_content(folder / "report.json"), str(folder / "report.json"))
+        before = document.read_file(folder / "report.json")
     except HarnessError:  # none was written before, or it was damaged
         return
     places = ((folder / name).resolve() for name in document.paths(before) - named)

@@ -10,6 +10,7 @@ import venv
 import zipfile
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from harness.commands import explain as verb
@@ -66,7 +67,7 @@ def run(python: str, pyz: Path, *arguments: str, given: bytes = b"", cwd: Path) 
 @pytest.fixture(scope="module")
 def answers() -> dict[str, tuple[int, dict[str, object]]]:
     """Return the host's exit code and answer for each log, using only the data that is shipped with it."""
-    known, here = verb.signatures(), explain_text.Facts(measured=result_index.load_shipped())
+    known, here = verb.signatures(), explain_text.Facts(measured=msgspec.to_builtins(result_index.load_shipped()))
     made = {name: explain_text.explain_text(text, known, here) for name, text in LOGS.items()}
     return {name: (0 if one.cause else explain.UNKNOWN, one.plain()) for name, one in made.items()}
 

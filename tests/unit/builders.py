@@ -209,14 +209,23 @@ def plain(judgement: Mapping[Phase, Outcome]) -> dict[str, str]:
 
 
 def measured_cell(name: str, verdict: str = "works", python: str = "3.11.7", **more: Any) -> dict[str, Any]:
-    """Return a cell of the matrix `m` as measured results hold it; a red one failed in `single`."""
+    """Return the JSON of a cell of the matrix `m` as measured results hold it; a red one failed in `single`."""
     phases = {"import": "passed", "single": "passed" if verdict == "works" else "failed"}
     return {
         "id": f"m/{name}", "matrix": "m", "python": python, "machine": HERE, "measured": "2026-11-22T00:00:00Z",
         "verdict": verdict, "unverified": [], "phase": None if verdict == "works" else "single", "phases": phases,
         "axes": {}, "environment": {}, "supplied": {}, "requirements": [], "decisive": None, "lock": None,
-        "causes": [], "repairs": [],
-        "cases": [{"case": "c", "env": "Ant-v5", "api": "gymnasium", "phases": phases, "decisive": None}],
+        "causes": [], "repairs": [], "cases": [measured_case(phases=phases)],
+        "requested_python": python, "installed": None, "lock_sha256": None, "key": None, "reused": False,
+        "inferred": False, "attempts": 1, "seconds": 0, "expected": "works", "as_expected": None, "findings": [],
+        "diagnoses": [], "evidence": None,
+    } | more  # fmt: skip
+
+
+def measured_case(case: str = "c", env: str = "Ant-v5", **more: Any) -> dict[str, Any]:
+    """Return the JSON of a case of such a cell."""
+    return {
+        "case": case, "env": env, "api": "gymnasium", "phases": {}, "checks": {}, "frames": [], "decisive": None,
     } | more  # fmt: skip
 
 

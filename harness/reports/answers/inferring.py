@@ -6,7 +6,7 @@ same Python and machine, and if nothing was measured with it. The same holds for
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -62,7 +62,7 @@ def _versions_between(cells: Sequence[CellResult], query: Query) -> Iterator[Inf
                     python=before.python,
                     why=f"{wanted.name} {pinned} lies between {low} and {high}, both measured good with the same"
                     f" {_rest(before, wanted.name)}",
-                    from_cells=(before.cell["id"], after.cell["id"]),
+                    from_cells=(before.cell.id, after.cell.id),
                 )
 
 
@@ -84,7 +84,7 @@ def _pythons_between(cells: Sequence[CellResult], query: Query) -> Iterator[Infe
                 python=query.python,
                 why=f"Python {query.python} lies between {before.minor} and {after.minor}, on both of which the same"
                 f" versions were measured good: {_rest(before, PYTHON)}",
-                from_cells=(before.cell["id"], after.cell["id"]),
+                from_cells=(before.cell.id, after.cell.id),
             )
 
 
@@ -114,15 +114,12 @@ def _alike(cells: Iterable[CellResult], apart_from: str) -> list[list[CellResult
     groups: dict[Any, list[CellResult]] = {}
     for result in cells:
         cell = result.cell
-        if apart_from in cell["axes"]:
-            axes = sorted((name, value) for name, value in cell["axes"].items() if name != apart_from)
-            key = (cell["matrix"], cell["machine"], cell.get("base") and cell["id"], tuple(axes), _plain(cell))
+        if apart_from in cell.axes:
+            variables, repaired = tuple(sorted(cell.environment.items())), tuple(one.package for one in cell.repairs)
+            axes = sorted((name, value) for name, value in cell.axes.items() if name != apart_from)
+            key = (cell.matrix, cell.machine, cell.base and cell.id, tuple(axes), variables, repaired)
             groups.setdefault(key, []).append(result)
     return list(groups.values())
-
-
-def _plain(cell: Mapping[str, Any]) -> tuple[Any, ...]:
-    return tuple(sorted(cell["environment"].items())), tuple(one["package"] for one in cell["repairs"])
 
 
 def _rest(result: CellResult, apart_from: str) -> str:

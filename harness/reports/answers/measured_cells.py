@@ -5,7 +5,7 @@ A package counts for a cell only if a case ran it. A package that only lies in t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,15 +15,13 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
-from harness.model import Phase
+from harness.model import Outcome, Phase, Verdict
+from harness.model.measured import Measured, MeasuredCell
+from harness.model.report_types import CaseEntry
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.standalone.failures.silent import PREFIX, plainly_good
 from harness.standalone.keys import MODULES, SIMULATORS
 
-Plain = Mapping[str, Any]
-
-PARTIAL = "partial"
-PASSED = "passed"
 WAYS = "MUJOCO_GL"
 """A variable that is set in many cells as in any script: the other ones are tried for their own sake."""
 
@@ -71,8 +69,13 @@ class Query:
 class CellResult:
     """A measured cell with the versions in its lock; without a lock, the versions that the cell asks for count."""
 
-    cell: Plain
-    pins: Mapping[str, str]
+    cell: MeasuredCell
+    measured: Measured
+
+    @cached_property
+    def pins(self) -> dict[str, str]:
+        """Return the versions in the lock; empty without a lock."""
+        return dict(self.measured.locks.get(self.cell.lock or "", ()))
 
     def version(self, name: str) -> str | None:
         """Return the installed version of a package, or the version asked for if nothing could be locked."""
@@ -81,7 +84,7 @@ class CellResult:
     @cached_property
     def _requested_versions(self) -> dict[str, str]:
         """Return the versions that the cell asks for."""
-        versions = {name: version for name, value in self.cell["axes"].items() if (version := _version(value))}
+        versions = {name: version for name, value in self.cell.axes.items() if (version := _version(value))}
         for requirement in self.requirements:
             versions |= {
                 canonicalize_name(requirement.name): part.version
@@ -93,12 +96,12 @@ class CellResult:
     @cached_property
     def requirements(self) -> tuple[Requirement, ...]:
         """Return the parsed requirements of the cell."""
-        return tuple(map(parsed_requirement, self.cell["requirements"]))
+        return tuple(map(parsed_requirement, self.cell.requirements))
 
     @cached_property
     def python(self) -> str:
         """Return the Python version, in full if it is known."""
-        return str(self.cell["python"] or self.cell["axes"].get("python", ""))
+        return str(self.cell.python or self.cell.axes.get("python", ""))
 
     @property
     def minor(self) -> str:
@@ -109,12 +112,12 @@ class CellResult:
     def works(self) -> bool:
         """Return whether everything that was tried works, with no silent issue left open."""
         # A combination is recommended with its lock, so a result without one is not enough.
-        return plainly_good(self.cell["verdict"], self.cell["unverified"]) and bool(self.pins)
+        return plainly_good(self.cell.verdict, self.cell.unverified) and bool(self.pins)
 
     @cached_property
     def named(self) -> frozenset[str]:
         """Return the packages that the matrix asks for by name."""
-        axes = (name for name in self.cell["axes"] if name != "python")
+        axes = (name for name in self.cell.axes if name != "python")
         return frozenset((*axes, *(canonicalize_name(one.name) for one in self.requirements)))
 
     @property
@@ -130,12 +133,22 @@ class CellResult:
         cases imported. A package that brings environments of its own counts only if somebody asked for it by name or by
         its API.
         """
-        noted = {name for case in self.cell["cases"] for name in case.get("exercised", ())}
-        spoken = {case["api"].replace("_", "-") for case in self.cell["cases"]}
-        imported = {*self.cell.get("imported", ())}
+        noted = {name for case in self.cell.cases for name in case.exercised or ()}
+        spoken = {case.api.replace("_", "-") for case in self.cell.cases}
+        imported = {*self.cell.imported}
         ran = noted or self.named | {name for name in self.pins if MODULES.get(name) in imported}
         mine = self.named | spoken
         return frozenset(name for name in ran | spoken if name in mine or name not in SIMULATORS) & self.pins.keys()
+
+    @property
+    def reason(self) -> str | None:
+        """Return the reason that the matrix gives for the result that it expects."""
+        return self.cell.expectation.reason if self.cell.expectation else None
+
+    @property
+    def own(self) -> bool:
+        """Return whether a matrix brought all environments of the cell (`gym:module:function`) itself."""
+        return all((case.env or "").count(":") > 1 for case in self.cell.cases) and bool(self.cell.cases)
 
     @property
     def about(self) -> frozenset[str]:
@@ -145,13 +158,12 @@ class CellResult:
     @property
     def variables(self) -> dict[str, str]:
         """Return the environment variables that are set for their own sake: all but `MUJOCO_GL`."""
-        return {name: value for name, value in self.cell["environment"].items() if name != WAYS}
+        return {name: value for name, value in self.cell.environment.items() if name != WAYS}
 
 
-def read(document: Plain) -> list[CellResult]:
+def read(measured: Measured) -> list[CellResult]:
     """Return the cells of a document, each with the versions in its lock."""
-    pins = {sha: dict(map(tuple, lock)) for sha, lock in document["locks"].items()}
-    return [CellResult(cell=cell, pins=pins.get(cell["lock"], {})) for cell in document["cells"]]
+    return [CellResult(cell=cell, measured=measured) for cell in measured.cells]
 
 
 # --- what fits -------------------------------------------------------------------------------------------------
@@ -177,23 +189,23 @@ def works(result: CellResult, query: Query) -> bool:
 
     For a question about one environment, it is enough that this environment works.
     """
-    if query.env is None or result.works or result.cell["verdict"] != PARTIAL:
+    if query.env is None or result.works or result.cell.verdict is not Verdict.PARTIAL:
         return result.works
-    cases = [case for case in result.cell["cases"] if _is(case, query.env)]
-    return all(case_works(case) for case in cases) and not any(map(is_silent, result.cell["unverified"]))
+    cases = [case for case in result.cell.cases if _is(case, query.env)]
+    return all(case_works(case) for case in cases) and not any(map(is_silent, result.cell.unverified))
 
 
 def some_work(result: CellResult) -> bool:
     """Return whether some environment of a cell works."""
-    return any(map(case_works, result.cell["cases"]))
+    return any(map(case_works, result.cell.cases))
 
 
-def case_works(case: Plain) -> bool:
+def case_works(case: CaseEntry) -> bool:
     """Return whether one environment of a cell was run, and everything tried with it passed."""
-    fine = {PASSED, "skipped", "unavailable"}
-    ends = case["phases"]
-    silent = any(map(is_silent, case.get("unverified", ())))
-    return ends.get("single") == PASSED and {*ends.values()} <= fine and not case.get("misleads") and not silent
+    fine = {Outcome.PASSED, Outcome.SKIPPED, Outcome.UNAVAILABLE}
+    silent = any(map(is_silent, case.unverified))
+    single = case.phases.get(Phase.SINGLE) is Outcome.PASSED
+    return single and {*case.phases.values()} <= fine and not case.misleads and not silent
 
 
 def _holds(result: CellResult, query: Query) -> bool:
@@ -206,18 +218,18 @@ def _of_python(result: CellResult, python: str | None) -> bool:
 
 
 def _has(result: CellResult, env: str | None) -> bool:
-    return env is None or any(_is(case, env) for case in result.cell["cases"])
+    return env is None or any(_is(case, env) for case in result.cell.cases)
 
 
-def _is(case: Plain, env: str) -> bool:
+def _is(case: CaseEntry, env: str) -> bool:
     """Return whether a case uses an environment, given by its id with or without its namespace."""
-    return env == case["env"] or env == (case["env"] or "").partition(":")[2]
+    return env == case.env or env == (case.env or "").partition(":")[2]
 
 
 def passed(result: CellResult, query: Query) -> bool:
     """Return whether all needed phases passed, in the environment asked for if there is one."""
-    cases = [case["phases"] for case in result.cell["cases"] if query.env and _is(case, query.env)]
-    return all(phases.get(phase) == PASSED for phases in cases or [result.cell["phases"]] for phase in query.needs)
+    cases = [case.phases for case in result.cell.cases if query.env and _is(case, query.env)]
+    return all(phases.get(phase) is Outcome.PASSED for phases in cases or [result.cell.phases] for phase in query.needs)
 
 
 def is_silent(name: str) -> bool:

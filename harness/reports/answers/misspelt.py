@@ -102,9 +102,9 @@ def nearest(name: str) -> str | None:
 
 def measured_names() -> set[str]:
     """Return the names of all packages in locks that were measured."""
-    document = result_index.load()
-    axes = {name for cell in document["cells"] for name in cell["axes"] if name != "python"}
-    return axes | {name for lock in document["locks"].values() for name, _ in lock}
+    measured = result_index.load()
+    axes = {name for cell in measured.cells for name in cell.axes if name != "python"}
+    return axes | {name for lock in measured.locks.values() for name, _ in lock}
 
 
 def _parsed(text: str) -> Requirement | None:

@@ -11,7 +11,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness.reports.answers.measured_cells import CellResult, Query, find_fitting, find_good
-from harness.reports.answers.recommending import Combination, Plain, combinations, newest, public
+from harness.reports.answers.recommending import Combination, combinations, newest, public
 
 
 class Half(msgspec.Struct, frozen=True, kw_only=True):
@@ -33,17 +33,17 @@ class Apart(msgspec.Struct, frozen=True, kw_only=True):
     python: str | None
 
 
-def apart(document: Plain, cells: Sequence[CellResult], query: Query) -> Apart | None:
+def apart(cells: Sequence[CellResult], query: Query) -> Apart | None:
     """Return the results of packages that no cell combines; None if some cell does, whatever its versions."""
     free = tuple(replace(one, versions=SpecifierSet()) for one in query.wanted)
     # A red measurement counts, also one that could not be locked: the packages were tried together.
-    about = [one for one in find_fitting(cells, Query(wanted=free)) if one.cell["lock"] is None or _ran_all(one, query)]
+    about = [one for one in find_fitting(cells, Query(wanted=free)) if one.cell.lock is None or _ran_all(one, query)]
     if len(query.wanted) < 2 or about:
         return None
     names = _largest(cells, query)
     groups = [names, *((name,) for name in query.names if name not in names)]
     python = query.python or _common_python(cells, query)
-    halves = tuple(_half(document, cells, replace(query, python=python, env=None, needs=()), group) for group in groups)
+    halves = tuple(_half(cells, replace(query, python=python, env=None, needs=()), group) for group in groups)
     return Apart(halves=halves, requirements=tuple(_requirements(query, halves)), python=python)
 
 
@@ -73,10 +73,10 @@ def _common_python(cells: Sequence[CellResult], query: Query) -> str | None:
     return max(common, key=Version, default=None)
 
 
-def _half(document: Plain, cells: Sequence[CellResult], query: Query, names: Sequence[str]) -> Half:
+def _half(cells: Sequence[CellResult], query: Query, names: Sequence[str]) -> Half:
     wanted = tuple(one for one in query.wanted if one.name in names)
-    matches = combinations(document, cells, replace(query, wanted=wanted), limit=1)
-    matches = matches or combinations(document, cells, Query(wanted=wanted), limit=1)
+    matches = combinations(cells, replace(query, wanted=wanted), limit=1)
+    matches = matches or combinations(cells, Query(wanted=wanted), limit=1)
     beside = () if matches or len(names) > 1 else installed(cells, names[0])
     return Half(packages=tuple(names), combination=matches[0] if matches else None, installed=beside)
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import msgspec
 
+from harness.model import Verdict
 from harness.reports.answers import inferring, recommending, traps
 from harness.reports.answers.inferring import Inferred
 from harness.reports.answers.measured_cells import (
-    PARTIAL,
     CellResult,
     Query,
     case_works,
@@ -23,8 +22,6 @@ from harness.reports.answers.measured_cells import (
 from harness.reports.answers.never_together import Apart, apart, installed
 from harness.reports.answers.recommending import Combination
 from harness.reports.answers.traps import Red
-
-MISLEADS = "misleads"
 
 
 class Nearby(msgspec.Struct, frozen=True, kw_only=True):
@@ -72,16 +69,14 @@ class Recommended(msgspec.Struct, frozen=True, kw_only=True):
     next: str
 
 
-def build_answer(
-    document: Mapping[str, Any], cells: Sequence[CellResult], query: Query, limit: int, next_: str
-) -> Recommended:
+def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: str) -> Recommended:
     """Return everything that the measured cells say about a question; `limit` bounds the lists of combinations."""
-    combinations = recommending.combinations(document, cells, query)
+    combinations = recommending.combinations(cells, query)
     # The sort is stable: among equals the newest stays first.
     combinations.sort(
         key=lambda combination: bool(combination.repaired or combination.brought)
     )  # what anybody can install goes first
-    together = None if combinations else apart(document, cells, query)
+    together = None if combinations else apart(cells, query)
     return Recommended(
         asked=tuple(one.text for one in query.wanted),
         python=query.python,
@@ -89,13 +84,13 @@ def build_answer(
         env=query.env,
         found=len(combinations),
         measured=tuple(combinations[:limit]),
-        doubtful=tuple(_doubtful(document, cells, query, combinations)[:limit]),
-        partly=() if combinations else tuple(_partly(document, cells, query)[:limit]),
-        newer=tuple(_newer(document, cells, query, combinations)),
+        doubtful=tuple(_doubtful(cells, query, combinations)[:limit]),
+        partly=() if combinations else tuple(_partly(cells, query)[:limit]),
+        newer=tuple(_newer(cells, query, combinations)),
         apart=together,
         inferred=() if combinations else tuple(inferring.infer(cells, query)[:limit]),
         red=tuple(traps.find_traps(cells, query)),
-        nearby=None if combinations or together else _nearby(document, cells, query, limit),
+        nearby=None if combinations or together else _nearby(cells, query, limit),
         unknown=tuple(name for name in query.names if not any(one.version(name) for one in cells)),
         installed={name: releases for name in query.names if (releases := _only_installed(cells, name))},
         next=next_,
@@ -107,32 +102,34 @@ def _only_installed(cells: Sequence[CellResult], name: str) -> tuple[str, ...]:
     return () if any(name in one.about for one in cells) else installed(cells, name)
 
 
-def _doubtful(
-    document: Mapping[str, Any], cells: Sequence[CellResult], query: Query, combinations: Sequence[Combination]
-) -> list[Combination]:
+def _doubtful(cells: Sequence[CellResult], query: Query, combinations: Sequence[Combination]) -> list[Combination]:
     """Return combinations that work with a silent known issue left open, unless a plainly good one is newer."""
-    fits = [one for one in find_fitting(cells, query) if ran(one, query) and one.cell["verdict"] == "works"]
-    open_ = [one for one in fits if passed(one, query) and any(map(is_silent, one.cell["unverified"]))]
-    candidates = recommending.merge_results(document, open_, query)
+    fits = [one for one in find_fitting(cells, query) if ran(one, query) and one.cell.verdict is Verdict.WORKS]
+    open_ = [one for one in fits if passed(one, query) and any(map(is_silent, one.cell.unverified))]
+    candidates = recommending.merge_results(open_, query)
     best = max((recommending.newness(one.versions.values()) for one in combinations), default=())
     return [one for one in candidates if recommending.newness(one.versions.values()) >= best]
 
 
-def _partly(document: Mapping[str, Any], cells: Sequence[CellResult], query: Query) -> list[Partly]:
+def _partly(cells: Sequence[CellResult], query: Query) -> list[Partly]:
     """Return combinations that work in part, newest first, each by the cell with the most working environments."""
-    fits = [one for one in find_fitting(cells, query) if ran(one, query) and one.cell["verdict"] in {PARTIAL, MISLEADS}]
+    fits = [
+        one
+        for one in find_fitting(cells, query)
+        if ran(one, query) and one.cell.verdict in {Verdict.PARTIAL, Verdict.MISLEADS}
+    ]
     fits = [one for one in fits if some_work(one)]
     entries = []
     for versions, results in recommending.group_results(fits, query):
-        best = max(results, key=lambda result: sum(map(case_works, result.cell["cases"])))
+        best = max(results, key=lambda result: sum(map(case_works, result.cell.cases)))
         entries.append(
             Partly(
-                combination=recommending.combination(document, versions, [best]),
-                verdict=best.cell["verdict"],
-                works=tuple(case["case"] for case in best.cell["cases"] if case_works(case)),
+                combination=recommending.combination(versions, [best]),
+                verdict=best.cell.verdict,
+                works=tuple(case.case for case in best.cell.cases if case_works(case)),
                 fails={
-                    case["case"]: case["decisive"] or ", ".join(case.get("misleads", ())) or "not verified"
-                    for case in best.cell["cases"]
+                    case.case: case.decisive or ", ".join(case.misleads) or "not verified"
+                    for case in best.cell.cases
                     if not case_works(case)
                 },
             )
@@ -140,14 +137,12 @@ def _partly(document: Mapping[str, Any], cells: Sequence[CellResult], query: Que
     return entries
 
 
-def _newer(
-    document: Mapping[str, Any], cells: Sequence[CellResult], query: Query, combinations: Sequence[Combination]
-) -> list[Combination]:
+def _newer(cells: Sequence[CellResult], query: Query, combinations: Sequence[Combination]) -> list[Combination]:
     """Return the newest combination on other Pythons, if it is newer and was not measured on the Python asked for."""
     if query.python is None or not combinations:
         return []
     anywhere = Query(wanted=query.wanted, needs=query.needs, env=query.env)
-    (best,), seen = recommending.combinations(document, cells, anywhere, limit=1), find_fitting(cells, query)
+    (best,), seen = recommending.combinations(cells, anywhere, limit=1), find_fitting(cells, query)
     newest = recommending.newness(best.versions.values())
     if newest <= recommending.newness(combinations[0].versions.values()):
         return []
@@ -155,10 +150,10 @@ def _newer(
     return [] if measured else [best]
 
 
-def _nearby(document: Mapping[str, Any], cells: Sequence[CellResult], query: Query, limit: int) -> Nearby | None:
+def _nearby(cells: Sequence[CellResult], query: Query, limit: int) -> Nearby | None:
     """Return good combinations for the first relaxed question that has any, or None."""
     for where, other in recommending.relax(query):
-        combinations = recommending.combinations(document, cells, other, limit=limit)
+        combinations = recommending.combinations(cells, other, limit=limit)
         if combinations:
             return Nearby(where=where, combinations=tuple(combinations))
     return None

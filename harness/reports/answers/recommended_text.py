@@ -14,6 +14,7 @@ from harness.reports.answers.never_together import Apart, Half
 from harness.reports.answers.recommended import Partly, Recommended
 from harness.reports.answers.recommending import Combination
 from harness.reports.answers.traps import Red
+from harness.reports.text import platforms
 
 VIRTUAL = ("DISPLAY", "virtual")
 """As cells have it for which a display was started."""
@@ -211,8 +212,8 @@ def _some(names: Sequence[str], *, whole: bool) -> str:
 
 def _machine(name: str, machines: Mapping[str, Any]) -> str:
     facts = machines.get(name, {})
-    shown = [str(facts[key]) for key in ("os", "architecture", "gl", "gpu") if facts.get(key)]
-    return ", ".join(shown) or name
+    gl, gpu = platforms.drawing(facts).get("vendor"), platforms.gpu_models(facts)
+    return ", ".join(str(fact) for fact in (facts.get("os"), facts.get("architecture"), gl, gpu) if fact) or name
 
 
 def _try(requirements: Iterable[str], python: str | None, env: str | None = None) -> str:

@@ -6,7 +6,7 @@ two cells between which it lies.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,12 +15,9 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from harness.model import CASE_PHASES
+from harness.model import CASE_PHASES, Outcome, Phase
 from harness.model.vocabulary import settings
-from harness.reports.answers import digest
-from harness.reports.answers.measured_cells import PASSED, CellResult, Query, find_good
-
-Plain = Mapping[str, Any]
+from harness.reports.answers.measured_cells import CellResult, Query, find_good
 
 NUMPY = "numpy"
 """The package of the arrays that all others pass around: its version is never left open."""
@@ -42,7 +39,7 @@ class Combination(msgspec.Struct, frozen=True, kw_only=True):
     cell: str
     machine: str
     python: str
-    phases: dict[str, str]
+    phases: dict[Phase, Outcome]
     unverified: tuple[str, ...]
     environments: tuple[str, ...]
     settings: dict[str, str]
@@ -56,21 +53,17 @@ class Combination(msgspec.Struct, frozen=True, kw_only=True):
 # --- measured --------------------------------------------------------------------------------------------------
 
 
-def combinations(
-    document: Plain, cells: Iterable[CellResult], query: Query, limit: int | None = None
-) -> list[Combination]:
+def combinations(cells: Iterable[CellResult], query: Query, limit: int | None = None) -> list[Combination]:
     """Return the combinations that work, newest first; at most `limit`.
 
     They are compared by the packages in the order in which these were asked for.
     """
-    return merge_results(document, find_good(cells, query), query, limit)
+    return merge_results(find_good(cells, query), query, limit)
 
 
-def merge_results(
-    document: Plain, results: Iterable[CellResult], query: Query, limit: int | None = None
-) -> list[Combination]:
+def merge_results(results: Iterable[CellResult], query: Query, limit: int | None = None) -> list[Combination]:
     """Merge cells with equal versions of the packages asked for into combinations, newest first; at most `limit`."""
-    return [combination(document, versions, alike) for versions, alike in group_results(results, query)[:limit]]
+    return [combination(versions, alike) for versions, alike in group_results(results, query)[:limit]]
 
 
 def group_results(results: Iterable[CellResult], query: Query) -> list[tuple[dict[str, str], list[CellResult]]]:
@@ -93,30 +86,30 @@ def newness(versions: Iterable[str]) -> tuple[Version, ...]:
     return tuple(Version(version) for version in versions)
 
 
-def combination(document: Plain, versions: dict[str, str], results: Sequence[CellResult]) -> Combination:
+def combination(versions: dict[str, str], results: Sequence[CellResult]) -> Combination:
     """Merge cells with the same versions of the packages asked for into one combination."""
     best = max(results, key=_merit)
     cell = best.cell
     alike = [one for one in results if _plainness(one) == _plainness(best)]
-    needed = tuple(settings(cell["supplied"], best.pins))
+    needed = settings(cell.supplied, best.pins)
     return Combination(
         versions=versions,
         pythons=tuple(sorted({one.python for one in results}, key=Version, reverse=True)),
-        machines=tuple(sorted({one.cell["machine"] for one in results})),
-        measured=max(one.cell["measured"] for one in results),
-        cells=tuple(one.cell["id"] for one in results),
+        machines=tuple(sorted({one.cell.machine for one in results})),
+        measured=max(one.cell.measured for one in results),
+        cells=tuple(one.cell.id for one in results),
         beside=beside(alike, best, versions),
-        cell=cell["id"],
-        machine=cell["machine"],
+        cell=cell.id,
+        machine=cell.machine,
         python=best.python,
-        phases=dict(cell["phases"]),
-        unverified=tuple(cell["unverified"]),
-        environments=tuple(dict.fromkeys(case["env"] for case in cell["cases"] if case["env"])),
-        settings={**cell["environment"], **dict(text.split("=", 1) for text in needed)},
-        repaired=tuple(f"{one['package']} {one['version']}" for one in cell["repairs"]),
-        brought=tuple(cell.get("brought", ())),
-        lock_sha256=cell["lock"],
-        lock=digest.lock_text(document, cell["lock"]),
+        phases=dict(cell.phases),
+        unverified=cell.unverified,
+        environments=tuple(dict.fromkeys(case.env for case in cell.cases if case.env)),
+        settings={**cell.environment, **dict(text.split("=", 1) for text in needed)},
+        repaired=tuple(f"{one.package} {one.version}" for one in cell.repairs),
+        brought=tuple(one.name for one in cell.brought or ()),
+        lock_sha256=str(cell.lock),
+        lock=best.measured.lock_text(str(cell.lock)),
         requirements=tuple(pin_requirements(best, versions)),
     )
 
@@ -150,7 +143,7 @@ def beside(results: Iterable[CellResult], result: CellResult, packages: Iterable
 
 def _plainness(result: CellResult) -> tuple[bool, ...]:
     """Return whether a cell needs nothing unusual, one flag each: repairs, folders brought, variables, a change."""
-    return not result.cell["repairs"], not result.cell.get("brought"), not result.variables, not result.cell.get("base")
+    return not result.cell.repairs, not result.cell.brought, not result.variables, not result.cell.base
 
 
 def _merit(result: CellResult) -> tuple[Any, ...]:
@@ -158,14 +151,14 @@ def _merit(result: CellResult) -> tuple[Any, ...]:
 
     The greatest is plain, well verified, with few other packages, and on the newest Python.
     """
-    verified = sum(result.cell["phases"].get(phase) == PASSED for phase in CASE_PHASES)
+    verified = sum(result.cell.phases.get(phase) is Outcome.PASSED for phase in CASE_PHASES)
     return (
         _plainness(result),
-        verified - len(result.cell["unverified"]),
+        verified - len(result.cell.unverified),
         -len(result.chosen),
         Version(result.python),
         newness(result.chosen[name] for name in sorted(result.chosen)),
-        result.cell["measured"],
+        result.cell.measured,
     )
 
 

@@ -13,7 +13,6 @@ from hashlib import sha256
 from pathlib import Path
 
 from harness.machine import store
-from harness.machine.files import given_files
 from harness.model.report_types import Document
 from harness.reports import document
 from harness.reports.answers import result_index
@@ -43,7 +42,7 @@ def path(name: str) -> Path | None:
 def load(name: str) -> tuple[Document, Path] | None:
     """Return a report and its file, or None if no report has this name."""
     file = path(name)
-    return (document.read(given_files.read_content(file), str(file)), file) if file else None
+    return (document.read_file(file), file) if file else None
 
 
 def load_all() -> Iterator[tuple[Document, Path]]:

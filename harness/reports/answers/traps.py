@@ -11,11 +11,10 @@ from typing import Any
 import msgspec
 from packaging.version import Version
 
+from harness.model import Verdict
 from harness.model.vocabulary import CHANGING
 from harness.reports.answers.measured_cells import CellResult, Query, find_fitting, find_good, some_work, works
 from harness.reports.answers.recommending import newness
-
-WORKS = "works"
 
 
 class Red(msgspec.Struct, frozen=True, kw_only=True):
@@ -47,11 +46,9 @@ def find_traps(cells: Sequence[CellResult], query: Query) -> list[Red]:
     matrix's own.
     """
     matches = find_fitting(cells, query)
-    fine = {one.cell["lock"] for one in cells if one.works}
-    reds = [
-        one for one in matches if one.cell["verdict"] != WORKS and not works(one, query) and not one.cell.get("own")
-    ]
-    reds = [one for one in reds if one.cell["lock"] is None or one.cell["lock"] not in fine]
+    fine = {one.cell.lock for one in cells if one.works}
+    reds = [one for one in matches if one.cell.verdict is not Verdict.WORKS and not works(one, query) and not one.own]
+    reds = [one for one in reds if one.cell.lock is None or one.cell.lock not in fine]
     twins = find_good(cells, Query(wanted=query.wanted, env=query.env)) or [one for one in matches if some_work(one)]
     together = {_query_versions(one, query) for one in twins}
     halves = [
@@ -77,24 +74,19 @@ def _by_cause(reds: Sequence[CellResult]) -> list[list[CellResult]]:
     """Group red cells by known issue, else by the reason that a matrix gives for their line, else by the line."""
     reasons: dict[Any, set[str]] = {}
     for cell_result in reds:
-        reasons.setdefault(_line(cell_result), set()).update(filter(None, [cell_result.cell.get("reason")]))
+        reasons.setdefault(_line(cell_result), set()).update(filter(None, [cell_result.reason]))
     groups: dict[tuple[Any, ...], list[CellResult]] = {}
     # Cells with a reason come first, because `_red` takes reason and link from the first cell of a group.
-    for cell_result in sorted(reds, key=lambda result: not result.cell.get("reason")):
+    for cell_result in sorted(reds, key=lambda result: not result.reason):
         elsewhere = reasons[_line(cell_result)] if len(reasons[_line(cell_result)]) == 1 else ()
-        cause = (
-            tuple(cell_result.cell["causes"])
-            or cell_result.cell.get("reason")
-            or next(iter(elsewhere), None)
-            or _line(cell_result)
-        )
-        groups.setdefault((cell_result.cell["phase"], cause), []).append(cell_result)
+        cause = cell_result.cell.causes or cell_result.reason or next(iter(elsewhere), None) or _line(cell_result)
+        groups.setdefault((cell_result.cell.phase, cause), []).append(cell_result)
     return list(groups.values())
 
 
 def _line(result: CellResult) -> tuple[str | None, str]:
     """Return the phase and the decisive line, its line numbers and versions masked."""
-    return result.cell["phase"], CHANGING.sub("…", result.cell["decisive"] or "")
+    return result.cell.phase, CHANGING.sub("…", result.cell.decisive or "")
 
 
 def _query_versions(result: CellResult, query: Query) -> tuple[str, ...]:
@@ -109,13 +101,13 @@ def _red(results: Sequence[CellResult], query: Query, twins: Sequence[CellResult
         deciding=_deciding(results, query, twins),
         beside=_others(results, query.names),
         pythons=tuple(sorted({one.minor for one in results}, key=Version, reverse=True)),
-        verdicts=tuple(sorted({one.cell["verdict"] for one in results})),
-        phase=cell["phase"],
-        causes=tuple(cell["causes"]),
-        line=cell["decisive"],
-        reason=cell.get("reason"),
-        link=cell.get("link"),
-        cells=tuple(one.cell["id"] for one in results),
+        verdicts=tuple(sorted({one.cell.verdict for one in results})),
+        phase=cell.phase,
+        causes=cell.causes,
+        line=cell.decisive,
+        reason=results[0].reason,
+        link=cell.expectation.link if cell.expectation else None,
+        cells=tuple(one.cell.id for one in results),
     )
 
 

@@ -21,6 +21,7 @@ from harness.probes.wire import plain_records
 from harness.reports.issue import redacting, reproducing
 from harness.reports.tables.counted_failures import counted
 from harness.reports.tables.tables import settings
+from harness.reports.text import platforms
 from harness.reports.text.markdown_texts import address, block, code, prose, table_cell
 from harness.standalone.control_characters import strip_controls
 from harness.standalone.failures import remedies
@@ -149,8 +150,7 @@ def _versions(failing: Failing) -> Iterator[str]:
 
 def _machine(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "OS", ", ".join(str(facts[name]) for name in ("os", "architecture", "libc") if facts.get(name))
-    ways: list[Mapping[str, str]] = [facts.get(way) or {} for way in ("egl", "osmesa", "display")]
-    drawing = next((way for way in ways if way.get("vendor")), {})
+    drawing = platforms.drawing(facts)
     yield "OpenGL", ", ".join(drawing[name] for name in ("vendor", "renderer", "version") if drawing.get(name))
     gpu = facts.get("gpu") or {}
     yield "GPU", ", ".join(str(gpu[name]) for name in ("models", "driver") if gpu.get(name)) or "none"

@@ -21,7 +21,7 @@ def coverage(document: Document) -> dict[str, Any]:
     platforms = tuple(dict.fromkeys(_platform(name, facts) for name, facts in used))
     every = dict.fromkeys((*PLATFORMS.values(), *ARCHITECTURES.values(), GPUS))
     covered = " ".join(platforms)
-    gpus = any(_gpu(facts) for _, facts in used)
+    gpus = any(gpu_models(facts) for _, facts in used)
     return {
         "measured": (days[0], days[-1]) if days else None,
         "platforms": platforms,
@@ -34,10 +34,17 @@ def _platform(name: str, facts: Mapping[str, Any]) -> str:
     system, _, rest = name.partition("-")
     architecture = str(facts.get("architecture") or rest.partition("-")[0])
     words = " ".join(filter(None, (PLATFORMS.get(system, system), ARCHITECTURES.get(architecture, architecture))))
-    return f"{words}, {_gpu(facts) or 'CPU only'}"
+    return f"{words}, {gpu_models(facts) or 'CPU only'}"
 
 
-def _gpu(facts: Mapping[str, Any]) -> str:
+def drawing(facts: Mapping[str, Any]) -> Mapping[str, str]:
+    """Return the vendor, renderer and version of the OpenGL that a machine draws with; empty if there is none."""
+    ways: list[Mapping[str, str]] = [facts.get(way) or {} for way in ("egl", "osmesa", "display")]
+    return next((way for way in ways if way.get("vendor")), {})
+
+
+def gpu_models(facts: Mapping[str, Any]) -> str:
+    """Return the GPUs of a machine; empty if there is none."""
     gpu = facts.get("gpu")
     return str(gpu["models"]) if isinstance(gpu, dict) and gpu.get("models") else ""
 

@@ -203,16 +203,17 @@ def lock(place: Place) -> Iterator[Move]:
     cases = {(case.env, case.api) for case in place.trial.cell.cases if case.env}
     results = result_index.load()
     changes_by_lock: dict[str, Change] = {}
-    for cell in results["cells"]:
-        works = plainly_good(cell["verdict"], cell["unverified"]) and cell["lock"] in results["locks"]
-        if not (works and cases and cases <= {(case["env"], case["api"]) for case in cell["cases"]}):
+    for cell in results.cells:
+        if cell.lock is None or not plainly_good(cell.verdict, cell.unverified):
             continue
-        had = dict(results["locks"][cell["lock"]])
-        if cell["id"] == place.lab.base.id or not (cell["python"] or "").startswith(f"{minor}."):
+        if not (cases and cases <= {(case.env, case.api) for case in cell.cases}):
+            continue
+        had = dict(results.locks[cell.lock])
+        if cell.id == place.lab.base.id or not (cell.python or "").startswith(f"{minor}."):
             continue
         if all(had.get(name) == version for name, version in pinned.items()):
             lines = [f"{name}=={version}" for name, version in had.items() if bad.get(name, version) != version]
-            changes_by_lock.setdefault(cell["lock"], Change(constraints=tuple(lines)))
+            changes_by_lock.setdefault(cell.lock, Change(constraints=tuple(lines)))
     nearest = sorted(
         (one for one in changes_by_lock.values() if one.constraints), key=lambda candidate: len(candidate.constraints)
     )

@@ -117,9 +117,10 @@ def test_a_wheel_opens_them_too(
     capsys: pytest.CaptureFixture[str], fresh: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Packed as in a wheel, without any file beside: the same cells and reports."""
-    report = json.loads((REPORTS / "quickstart" / "report.json").read_bytes())
+    file = REPORTS / "quickstart" / "report.json"
+    report = json.loads(file.read_bytes())
     packed = fresh / "reports.zip"
-    packed.write_bytes(digest.packed_reports({"quickstart": report}))
+    packed.write_bytes(digest.packed_reports([file]))
     monkeypatch.setattr(shipped_reports, "PACKED", packed)
     monkeypatch.setattr(result_index, "report_files", list)
     shipped_reports.load.cache_clear()

@@ -283,4 +283,4 @@ def test_results_of_an_earlier_version_are_read(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setenv("HARNESS_RESULTS", str(tmp_path))
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "none"))
 
-    assert {cell["id"] for cell in result_index.load()["cells"]} == ids
+    assert {cell.id for cell in result_index.load().cells} == ids

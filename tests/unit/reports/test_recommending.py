@@ -6,22 +6,29 @@ import hashlib
 from collections.abc import Mapping
 from typing import Any
 
+import msgspec
 import pytest
-from builders import HERE, measured_cell
+from builders import HERE, measured_case, measured_cell
 
 from harness.model import Phase
+from harness.model.measured import MeasuredCell
 from harness.reports.answers import digest, inferring, measured_cells, recommended, recommending, traps
-from harness.reports.answers.digest import Layer
-from harness.reports.answers.measured_cells import Query, Wanted
+from harness.reports.answers.measured_cells import CellResult, Query, Wanted
 
+REPAIR = {"package": "aa", "version": "1.0", "reason": "", "link": "", "edits": [], "wheel_sha256": "", "build": []}
 ALL = {"import": "passed", "single": "passed", "vector": "passed", "render": "passed"}
+
+
+def case(name: str, env: str = "Ant-v5", **more: Any) -> dict[str, Any]:
+    """Return a case of a cell in which all phases passed."""
+    return measured_case(name, env, **{"phases": ALL, **more})
 
 
 class World:
     """Cells and their locks, as a document."""
 
     def __init__(self) -> None:
-        self.cells: list[dict[str, Any]] = []
+        self.cells: list[MeasuredCell] = []
         self.locks: dict[str, str] = {}
 
     def add(self, python: str, pins: Mapping[str, str], verdict: str = "works", **more: Any) -> str:
@@ -36,32 +43,31 @@ class World:
         cell = measured_cell(
             f"py{python}_{label}{more.pop('suffix', '')}", verdict, f"{python}.7",
             measured="2026-11-21T12:00:00Z", phases=ALL, axes={"python": python, **pins}, lock=sha,
-            cases=[{"case": "a", "env": "Ant-v5", "api": "gymnasium", "phases": ALL, "decisive": None}],
+            cases=[case("a")],
         ) | more  # fmt: skip
-        self.cells.append(cell)
+        self.cells.append(msgspec.convert(cell, MeasuredCell))
         return str(cell["id"])
 
     @property
-    def document(self) -> dict[str, Any]:
-        """Return all cells and locks as one document."""
-        return digest.combined([Layer(cells=self.cells, locks=self.locks)])
+    def results(self) -> list[CellResult]:
+        """Return all cells with their locks."""
+        return measured_cells.read(digest.with_locks("", {}, sorted(self.cells, key=lambda cell: cell.id), self.locks))
 
     def found(self, *wanted: str, **asked: Any) -> list[recommending.Combination]:
         """Return the combinations that work."""
-        return recommending.combinations(self.document, measured_cells.read(self.document), query(*wanted, **asked))
+        return recommending.combinations(self.results, query(*wanted, **asked))
 
     def inferred(self, *wanted: str, **asked: Any) -> list[inferring.Inferred]:
         """Return the inferred combinations."""
-        return inferring.infer(measured_cells.read(self.document), query(*wanted, **asked))
+        return inferring.infer(self.results, query(*wanted, **asked))
 
     def answer(self, *wanted: str, **asked: Any) -> recommended.Recommended:
         """Return the whole answer to a query."""
-        cells = measured_cells.read(self.document)
-        return recommended.build_answer(self.document, cells, query(*wanted, **asked), 9, "next")
+        return recommended.build_answer(self.results, query(*wanted, **asked), 9, "next")
 
     def red(self, *wanted: str, **asked: Any) -> list[traps.Red]:
         """Return the measured combinations that do not work."""
-        return traps.find_traps(measured_cells.read(self.document), query(*wanted, **asked))
+        return traps.find_traps(self.results, query(*wanted, **asked))
 
 
 def query(*wanted: str, **asked: Any) -> Query:
@@ -130,7 +136,7 @@ def test_what_is_needed_has_to_have_passed(world: World, more: dict[str, Any]) -
 
 def test_an_environment_has_to_have_been_tried(world: World) -> None:
     """Its id is that of a case, with or without what stands before it; what is needed has to have passed there."""
-    other = {"case": "b", "env": "robosuite:Lift", "api": "robosuite", "phases": {**ALL, "render": "skipped"}}
+    other = case("b", "robosuite:Lift", api="robosuite", phases={**ALL, "render": "skipped"})
     world.add("3.11", {"aa": "1.0"}, cases=[other])
 
     assert world.found("aa", env="robosuite:Lift")
@@ -141,8 +147,7 @@ def test_an_environment_has_to_have_been_tried(world: World) -> None:
 
 def test_of_an_environment_its_own_phases_count(world: World) -> None:
     """A phase that only another case of the cell could not show does not count against an environment."""
-    other = {"case": "b", "env": "Window-v0", "api": "gymnasium", "phases": {**ALL, "render": "unavailable"}}
-    mine = {"case": "a", "env": "Ant-v5", "api": "gymnasium", "phases": ALL}
+    mine, other = case("a"), case("b", "Window-v0", phases={**ALL, "render": "unavailable"})
     phases = {**ALL, "render": "unavailable"}
     world.add("3.11", {"aa": "1.0"}, cases=[mine, other], unverified=["render"], phases=phases)
 
@@ -167,8 +172,8 @@ def test_equal_versions_are_one(world: World) -> None:
     "more",
     [
         {"environment": {"CUDA_VISIBLE_DEVICES": "7"}},
-        {"repairs": [{"package": "aa", "version": "1.0", "reason": "", "link": ""}]},
-        {"brought": ["checkout"]},
+        {"repairs": [REPAIR]},
+        {"brought": [{"name": "checkout", "mark": "", "commit": None, "changed": False}]},
         {"phases": {"single": "passed"}},
     ],
     ids=["variables", "repaired", "brought", "less verified"],
@@ -294,8 +299,7 @@ def test_what_was_only_installed_is_never_good(world: World) -> None:
 
 def test_what_the_cell_noted_counts(world: World) -> None:
     """A package that is only named is not among those that a cell noted as run."""
-    case = {"case": "a", "env": "Ant-v5", "api": "gymnasium", "phases": ALL, "decisive": None, "exercised": ["aa"]}
-    world.add("3.11", {"aa": "1.0", "bb": "1.0"}, cases=[case])
+    world.add("3.11", {"aa": "1.0", "bb": "1.0"}, cases=[case("a", exercised=["aa"])])
 
     assert world.found("aa")
     assert not world.found("bb")
@@ -318,9 +322,8 @@ def test_only_plainly_good_cells_are_recommended(world: World, more: dict[str, A
 
 def test_of_a_partial_cell_the_tasks_that_work_are_told(world: World) -> None:
     """Nothing works as a whole: what works, by task; and the task alone is good where it is asked for."""
-    fine = {"case": "a", "env": "Ant-v5", "api": "gymnasium", "phases": ALL, "decisive": None}
-    bad = {"case": "b", "env": "Swimmer-v4", "api": "gymnasium", "phases": {"single": "failed"}, "decisive": "no"}
-    world.add("3.11", {"aa": "1.0"}, "partial", cases=[fine, bad])
+    bad = case("b", "Swimmer-v4", phases={"single": "failed"}, decisive="no")
+    world.add("3.11", {"aa": "1.0"}, "partial", cases=[case("a"), bad])
 
     (part,) = world.answer("aa").partly
 
@@ -432,17 +435,20 @@ def test_the_python_that_decides_is_named(world: World) -> None:
 def test_unknown_red_ones_by_what_a_matrix_says_of_their_line() -> None:
     """Measured here without a word, the same line is what the matrix says of it elsewhere; of two reasons neither."""
     world = World()
-    world.add("3.11", {"aa": "1.1"}, "broken", decisive="no attribute 1.1", reason="it went", link="https://e.org")
+    went = {"verdict": "broken", "reason": "it went", "link": "https://e.org"}
+    world.add("3.11", {"aa": "1.1"}, "broken", decisive="no attribute 1.1", expectation=went)
     world.add("3.11", {"aa": "1.2"}, "broken", decisive="no attribute 1.2", matrix="try")
     (one,) = world.red("aa")
     assert (one.reason, len(one.cells)) == ("it went", 2)
 
-    world.add("3.11", {"aa": "1.3"}, "broken", decisive="no attribute 1.3", reason="another")
+    world.add("3.11", {"aa": "1.3"}, "broken", decisive="no attribute 1.3", expectation=went | {"reason": "another"})
 
     assert sorted(one.reason or "" for one in world.red("aa")) == ["", "another", "it went"]
 
 
-@pytest.mark.parametrize("more", [{"own": True}, {"suffix": "-again", "environment": {"A": "b"}}])
+@pytest.mark.parametrize(
+    "more", [{"cases": [case("a", "gym:module:make")]}, {"suffix": "-again", "environment": {"A": "b"}}]
+)
 def test_what_is_no_matter_of_versions_is_no_neighbour(world: World, more: dict[str, Any]) -> None:
     """A cell that a matrix broke on purpose, and one whose very lock works elsewhere, say nothing of versions."""
     world.add("3.11", {"aa": "1.0"} if "suffix" in more else {"aa": "0.9"})

@@ -8,7 +8,9 @@ from builders import HERE, MACHINES
 from specimens import quick, quick_document
 
 from harness.machine.store import Store
+from harness.model import Verdict
 from harness.model.errors import BadInput
+from harness.model.measured import Measured
 from harness.reports import document
 from harness.reports.answers import digest, result_index
 
@@ -33,24 +35,24 @@ def put(folder: Path) -> Path:
     return folder
 
 
-def works(found: dict) -> list[str]:
+def works(found: Measured) -> list[str]:
     """Return the ids of the cells that work."""
-    return [cell["id"] for cell in found["cells"] if cell["verdict"] == "works"]
+    return [cell.id for cell in found.cells if cell.verdict is Verdict.WORKS]
 
 
 def test_a_checkout_reads_its_reports() -> None:
     """The results of this checkout's reports are there, with a lock for every cell that works, in under 2 MB."""
     found = result_index.load_shipped()
 
-    assert len({cell["matrix"] for cell in found["cells"]}) > 10
+    assert len({cell.matrix for cell in found.cells}) > 10
     assert len(works(found)) > 200
-    assert all(cell["lock"] in found["locks"] for cell in found["cells"] if cell["verdict"] == "works")
+    assert all(cell.lock in found.locks for cell in found.cells if cell.verdict is Verdict.WORKS)
     assert len(digest.packed(found)) < 2_000_000
 
 
 def test_nothing_is_known_and_no_store_is_made(alone: Path) -> None:
     """Without any results there are none, and asking leaves no folder behind."""
-    assert result_index.load()["cells"] == []
+    assert result_index.load().cells == ()
     assert not (alone / "state").exists()
 
 
@@ -59,7 +61,7 @@ def test_a_wheel_reads_its_file(alone: Path) -> None:
     put(alone / "nowhere" / "reports" / "quick")
     (alone / "packed.json.gz").write_bytes(digest.packed(digest.combined([])))
 
-    assert result_index.load_shipped()["cells"] == []
+    assert result_index.load_shipped().cells == ()
 
 
 @pytest.mark.parametrize("depth", [".", ".."], ids=["a report", "a folder of reports"])
@@ -70,16 +72,16 @@ def test_results_of_others_are_put_upon_them(alone: Path, monkeypatch: pytest.Mo
     found = result_index.load()
 
     assert works(found)
-    assert [*found["locks"].values()] == [[["numpy", "2.2.6"]]]
+    assert [*found.locks.values()] == [(("numpy", "2.2.6"),)]
 
 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
         (None, "{}: has no report.json, nor has a folder in it; HARNESS_RESULTS names folders of reports"),
-        ("[", "{}/report.json: is no report of this harness: JSONDecodeError: "),
-        ("{}", "{}/report.json: is no report of this harness: KeyError: 'cells'"),
-        ("3", "{}/report.json: is no report of this harness: TypeError: "),
+        ("[", "{}/report.json: line 1, column 2: expecting value"),
+        ("{}", '{}/report.json: the key "generated" is missing'),
+        ("3", "{}/report.json: expected a table, got an integer"),
     ],
 )
 def test_a_folder_without_a_report_is_refused(
@@ -99,16 +101,16 @@ def test_a_folder_without_a_report_is_refused(
 def test_what_this_store_measured_lies_on_top(alone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cell that was measured here again is told as it stands here; a cell measured elsewhere alone stays."""
     monkeypatch.setenv(result_index.VARIABLE, str(put(alone / "others")))
-    before = {cell["id"]: cell for cell in result_index.load()["cells"]}
+    before = {cell.id: cell for cell in result_index.load().cells}
     opened = Store(alone / "state")
     record = next(one for one in quick()[1] if one.cell.id in works(result_index.load()))
     opened.save_machine(HERE, MACHINES[HERE])
 
     opened.save_cell(replace(record, lock=None, measured="2027-01-01T00:00:00Z"))
 
-    after = {cell["id"]: cell for cell in result_index.load()["cells"]}
+    after = {cell.id: cell for cell in result_index.load().cells}
 
     assert after.keys() == before.keys()
     changed = [name for name in after if after[name] != before[name]]
     assert changed == [record.cell.id]
-    assert after[record.cell.id]["measured"] == "2027-01-01T00:00:00Z"
+    assert after[record.cell.id].measured == "2027-01-01T00:00:00Z"

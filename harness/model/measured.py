@@ -1,0 +1,52 @@
+"""Define the document of measured results: the cells of many reports, each with its lock.
+
+`recommend` answers from it, and `harness.reports.answers.digest` makes it. `standalone` reads its JSON as plain values,
+because it runs without msgspec.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import msgspec
+
+from harness.model.report_types import CellEntry
+
+
+class MeasuredCell(CellEntry, frozen=True, kw_only=True, omit_defaults=True):
+    """A measured cell without paths of files and known failures; `lock` is the SHA-256 of its lock, if there is one.
+
+    `causes` are the ids of the known failures that count. `imported` are modules that one of its cases imported, if the
+    cell did not note which packages its cases ran.
+    """
+
+    machine: str
+    measured: str
+    causes: tuple[str, ...]
+    imported: tuple[str, ...] = ()
+
+
+class Measured(msgspec.Struct, frozen=True, kw_only=True):
+    """Measured cells, and their locks by SHA-256 as pairs of name and version.
+
+    `hashes` are the SHA-256 of the files of each release `name==version`, written once for all locks. `taken` has the
+    places in them of the files of a release that a lock holds, if it does not hold all of them.
+    """
+
+    schema: Literal[1] = 1
+    generated: str
+    machines: dict[str, dict[str, Any]]
+    cells: tuple[MeasuredCell, ...]
+    locks: dict[str, tuple[tuple[str, str], ...]]
+    hashes: dict[str, tuple[str, ...]]
+    taken: dict[str, dict[str, tuple[int, ...]]]
+
+    def lock_text(self, sha256: str) -> str:
+        """Return a lock as hash-pinned requirements, as they were measured."""
+        taken = self.taken.get(sha256, {})
+        lines = []
+        for name, version in self.locks[sha256]:
+            release_hashes = self.hashes[f"{name}=={version}"]
+            hashes = [release_hashes[place] for place in taken[name]] if name in taken else release_hashes
+            lines.append(" \\\n".join((f"{name}=={version}", *(f"    --hash=sha256:{one}" for one in hashes))) + "\n")
+        return "".join(lines)
