@@ -10,6 +10,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from harness.commands import find_cell, issuing, shipped_cell
+from harness.judging.known_failures import counted
 from harness.machine import store
 from harness.machine.store import Store
 from harness.matrix import plan
@@ -26,7 +27,7 @@ from harness.model.report_types import (
     word,
 )
 from harness.reports import document, publishing
-from harness.reports.tables import counted_failures, tables
+from harness.reports.tables import tables
 from harness.running import open_matrix
 from harness.running.signatures import shipped_signatures
 from harness.standalone.failures.remedies import in_words
@@ -142,7 +143,7 @@ def _lines(cell: CellEntry) -> Iterator[str]:
         yield f"  not verified: {name}"
     yield from _expectation(cell)
     yield from _change(cell)
-    for cell_diagnosis in counted_failures.counted(cell):
+    for cell_diagnosis in counted(cell):
         yield from _diagnosis(cell_diagnosis)
     for suite_diagnosis in (cell.suite.diagnoses or ()) if cell.suite else ():
         yield from _diagnosis(suite_diagnosis)

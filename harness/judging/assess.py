@@ -14,13 +14,13 @@ from harness.judging import expectation, failure_texts, identity, known_failures
 from harness.judging.assessed_case import AssessedCase
 from harness.judging.counted_phases import Cases, counted_cases, suite_not_run, suite_phase
 from harness.judging.identity import Failure
-from harness.judging.known_failures import NOTHING_KNOWN, Knowledge, Packages
+from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
 from harness.judging.verdict import Judgement, Outcomes, judge
 from harness.matrix.signatures import Signature
 from harness.model import CASE_PHASES, RANK, CellRecord, Finding, Level, Observed, Phase, PhaseRecord, Verdict
 from harness.model.report_types import UNTOLD
-from harness.standalone.failures import silent
-from harness.standalone.failures.matching import Diagnosis, Evidence
+from harness.standalone.failures import matching, silent
+from harness.standalone.failures.matching import Around, Diagnosis, Evidence
 
 
 def assess(record: CellRecord, knowledge: Knowledge = NOTHING_KNOWN, today: str = "") -> Assessed:
@@ -117,14 +117,16 @@ class Assessed:
     @cached_property
     def lurking(self) -> tuple[Signature, ...]:
         """Return the silent issues whose packages the cell has."""
-        return known_failures.lurking(self.knowledge, self._packages)
+        if self.record.installed is None:
+            return ()
+        return matching.lurking((self.knowledge.silent or self.knowledge.signatures)(), self._around)
 
     @cached_property
     def diagnoses(self) -> tuple[Diagnosis, ...]:
         """Return the known failures that fit a red cell: those shown by a misleading check, then the deepest cause."""
         if not known_failures.has_causes(self.verdict):
             return ()
-        return known_failures.find_diagnoses(self.knowledge, self._packages, self.failures, self._shown())
+        return known_failures.find_diagnoses(self.knowledge, self._around, self.failures, self._shown())
 
     def _shown(self) -> Iterator[Diagnosis]:
         if self.verdict is Verdict.MISLEADS:
@@ -141,7 +143,7 @@ class Assessed:
         if suite is None or not suite_not_run(suite):
             return ()
         return known_failures.find_diagnoses(
-            self.knowledge, self._packages, failure_texts.suite_failures(suite, self.knowledge.logs)
+            self.knowledge, self._around, failure_texts.suite_failures(suite, self.knowledge.logs)
         )
 
     @cached_property
@@ -150,33 +152,39 @@ class Assessed:
         return tuple(failure_texts.failures(self.record, self._counted[: len(self.record.cases)], self.knowledge.logs))
 
     @cached_property
-    def _packages(self) -> Packages:
+    def _around(self) -> Around:
+        """Return the packages to match known failures against: the installed ones, else those required and locked."""
         record, question = self.record, self.record.cell.question
-        return Packages(
+        locked = self.knowledge.locked(record.lock) if record.lock and record.installed is None else ()
+        return Around(
             installed=record.installed,
-            requirements=(*question.requirements, *question.constraints),
+            requirements=(*question.requirements, *question.constraints, *locked),
             python=record.python or record.cell.python,
-            lock=record.lock,
         )
 
-    def _lines(self) -> Iterator[str]:
-        """Yield the lines that say why the cell and its checks ended as they did."""
-        yield self.decisive or ""
-        yield from (line for case in self.cases for check in case.checks if (line := check.decisive))
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Return the lines that say why the cell and its checks ended as they did."""
+        return (
+            self.decisive or "",
+            *(line for case in self.cases for check in case.checks if (line := check.decisive)),
+        )
 
     @property
     def failure(self) -> Failure | None:
         """Return the identity of the failure; None if the cell works, or nothing is known about its packages."""
-        counted = known_failures.select_counting(self.diagnoses, self._lines())
-        return identity.failure(self, (one.signature.id for one in counted))
+        return identity.failure(self)
 
     # --- what was expected -------------------------------------------------------------------------------------
 
     @cached_property
     def _expected(self) -> tuple[bool | None, str | None]:
-        return expectation.expected(
-            self.record.cell, self, self.today, lambda: known_failures.names(self.diagnoses, self._lines())
-        )
+        return expectation.expected(self.record.cell, self, self.today, self._names)
+
+    def _names(self) -> tuple[str, ...]:
+        """Return the ids by which an expectation may name the known failures of the cell, former ones among them."""
+        signatures = [one.signature for one in known_failures.nameable(self)]
+        return tuple(str(name) for one in signatures for name in (one.id, *one.formerly))
 
     @property
     def as_expected(self) -> bool | None:

@@ -11,7 +11,6 @@ from harness.judging.runs import misleading
 from harness.model import (
     CASE_PHASES,
     FAILING,
-    Case,
     CaseRecord,
     CellRecord,
     Level,
@@ -65,7 +64,11 @@ ON_REQUEST = frozenset({Phase.BEHAVE, Phase.INTEROP})
 def counted_cases(evidence: CellRecord) -> Cases:
     """Return the phases of each recorded case, then those of each case of the cell that has no record."""
     recorded_ids = {record.case for record in evidence.cases}
-    unseen = (_unseen(case) for case in evidence.cell.cases if case.id not in recorded_ids)
+    unseen = (
+        CaseRecord(case=case.id, env=case.env, api=case.api, required=case.required, phases=())
+        for case in evidence.cell.cases
+        if case.id not in recorded_ids
+    )
     return tuple(_case_phases(evidence, record) for record in (*evidence.cases, *unseen))
 
 
@@ -100,10 +103,6 @@ def effective(record: PhaseRecord, required: Iterable[str]) -> PhaseRecord:
     if not broken or record.outcome in FAILING:
         return record
     return replace(record, outcome=Outcome.FAILED, decisive=f"{broken[0].check}: {broken[0].text}")
-
-
-def _unseen(case: Case) -> CaseRecord:
-    return CaseRecord(case=case.id, env=case.env, api=case.api, required=case.required, phases=())
 
 
 def _count_phase(phase: Phase, record: PhaseRecord | None, checks: Set[str], required: tuple[str, ...]) -> PhaseRecord:

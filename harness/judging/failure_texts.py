@@ -83,25 +83,15 @@ def _sightings(phase: PhaseRecord, reasons: Iterable[str | None]) -> Iterator[Si
 def extract_texts(texts: Mapping[str, str], phase: Phase) -> Iterator[str]:
     """Yield the texts that a probe left: all of its logs, and from its replies those about failures of this phase."""
     for name, text in texts.items():
-        yield from _texts(name, text, phase)
-
-
-def _texts(name: str, text: str, phase: Phase) -> Iterator[str]:
-    """Yield the text of a log, or from the records of a reply the texts about failures of this phase."""
-    if not name.endswith(".jsonl"):
-        yield text
-        return
-    for entry in plain_records(text):
-        if entry.get("outcome") != "passed" and _about(entry, phase):
-            yield from _find_cell_texts(entry)
-            # Findings bring their sentences in the record, so only those of checks are made here.
-            observed = in_words(entry.get("observed")) if entry.get("kind") == "check" else None
-            yield from [observed] if observed else []
-
-
-def _about(entry: Mapping[str, Any], phase: Phase) -> bool:
-    """Return whether a record is about this phase, or names none."""
-    return str(entry.get("check", phase)).partition(".")[0] == phase
+        is_reply = name.endswith(".jsonl")
+        yield from [] if is_reply else [text]
+        for entry in plain_records(text) if is_reply else ():
+            about_phase = str(entry.get("check", phase)).partition(".")[0] == phase  # or it names none
+            if entry.get("outcome") != "passed" and about_phase:
+                yield from _find_cell_texts(entry)
+                # Findings bring their sentences in the record, so only those of checks are made here.
+                observed = in_words(entry.get("observed")) if entry.get("kind") == "check" else None
+                yield from [observed] if observed else []
 
 
 def _find_cell_texts(plain: Any) -> Iterator[str]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 from harness.judging.expectation import Judged
-from harness.judging.known_failures import has_causes
+from harness.judging.known_failures import Explained, counted, has_causes
 from harness.model import Phase
 from harness.model.vocabulary import CHANGING
 
@@ -28,11 +28,21 @@ class Failure:
         return CHANGING.sub("…", self.line) == CHANGING.sub("…", other.line)
 
 
-def failure(judged: Judged, causes: Iterable[str]) -> Failure | None:
-    """Return the failure of a cell; None if it works, or nothing is known about its packages.
+class Named(Protocol):
+    """A known failure by its id."""
 
-    `causes` are the ids of the known failures that count. They are read only if the cell failed.
-    """
-    if not has_causes(judged.verdict):
+    @property
+    def name(self) -> str:
+        """Return the id."""
+
+
+class Explainable(Judged, Explained[Named], Protocol):
+    """A judged cell with the known failures that fit it: assessed, or as a document has it."""
+
+
+def failure(cell: Explainable) -> Failure | None:
+    """Return the failure of a cell; None if it works, or nothing is known about its packages."""
+    if not has_causes(cell.verdict):
         return None
-    return Failure(phase=judged.phase, causes=tuple(causes), line=judged.decisive or "")
+    causes = tuple(one.name for one in counted(cell))
+    return Failure(phase=cell.phase, causes=causes, line=cell.decisive or "")

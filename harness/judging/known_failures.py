@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Protocol, TypeVar
 
 from harness.matrix.signatures import Signature
 from harness.model import Phase, Verdict
 from harness.model.report_types import UNTOLD
-from harness.standalone.failures import counting, matching, silent
-from harness.standalone.failures.counting import Fit
+from harness.standalone.failures import counting, silent
 from harness.standalone.failures.matching import Around, Diagnosis, Evidence, diagnose
+
+T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -31,21 +34,6 @@ class Knowledge:
 NOTHING_KNOWN = Knowledge()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Packages:
-    """The packages of a cell. `installed` is None if nothing was installed, `lock` is a path, if any."""
-
-    installed: Mapping[str, str] | None
-    requirements: tuple[str, ...]
-    python: str
-    lock: str | None
-
-    def around(self, knowledge: Knowledge) -> Around:
-        """Return the packages to match known failures against: the installed ones, else those required and locked."""
-        locked = knowledge.locked(self.lock) if self.lock and self.installed is None else ()
-        return Around(installed=self.installed, requirements=(*self.requirements, *locked), python=self.python)
-
-
 # --- those that fit --------------------------------------------------------------------------------------------
 
 
@@ -55,21 +43,13 @@ def has_causes(verdict: Verdict) -> bool:
 
 
 def find_diagnoses(
-    knowledge: Knowledge, packages: Packages, failures: Iterable[Evidence], shown: Iterable[Diagnosis] = ()
+    knowledge: Knowledge, around: Around, failures: Iterable[Evidence], shown: Iterable[Diagnosis] = ()
 ) -> tuple[Diagnosis, ...]:
     """Return the known failures that fit: those that misleading checks have shown, then the deepest cause."""
     first = tuple(shown)
     ids = {one.signature.id for one in first}
-    diagnoses = diagnose(knowledge.signatures(), tuple(failures), packages.around(knowledge))
+    diagnoses = diagnose(knowledge.signatures(), tuple(failures), around)
     return (*first, *(one for one in diagnoses if one.signature.id not in ids))
-
-
-def lurking(knowledge: Knowledge, packages: Packages) -> tuple[Signature, ...]:
-    """Return the silent issues whose packages a cell has."""
-    if packages.installed is None:
-        return ()
-    around = Around(installed=packages.installed, python=packages.python)
-    return matching.lurking((knowledge.silent or knowledge.signatures)(), around)
 
 
 def shown_silent(
@@ -85,21 +65,23 @@ def shown_silent(
 # --- those that count ------------------------------------------------------------------------------------------
 
 
-def select_counting(diagnoses: Iterable[Diagnosis], lines: Iterable[str]) -> tuple[Diagnosis, ...]:
-    """Return the diagnoses that count. `lines` say why the cell and its checks ended as they did."""
-    return counting.select_counting(_fits(diagnoses, lines))
+class Explained(Protocol[T_co]):
+    """A cell with the known failures that fit it, and the lines that say why it and its checks ended as they did."""
+
+    @property
+    def diagnoses(self) -> tuple[T_co, ...]:
+        """Return the known failures that fit, the deepest cause first."""
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Return the lines that say why."""
 
 
-def names(diagnoses: Iterable[Diagnosis], lines: Iterable[str]) -> tuple[str, ...]:
-    """Return the ids by which an expectation may name the known failures of a cell, former ones among them."""
-    nameable: tuple[Diagnosis, ...] = counting.nameable(_fits(diagnoses, lines))
-    former = (old for one in nameable for old in one.signature.formerly)
-    return (*(one.signature.id for one in nameable), *former)
+def counted(cell: Explained[T]) -> tuple[T, ...]:
+    """Return the known failures that count in a cell, the deepest cause first."""
+    return counting.select_counting(cell.diagnoses, counting.stated_in(cell.reasons))
 
 
-def _fits(diagnoses: Iterable[Diagnosis], lines: Iterable[str]) -> Iterator[Fit]:
-    reasons = tuple(lines)
-    for diagnosis in diagnoses:
-        signature = diagnosis.signature
-        says = counting.is_stated(diagnosis.seen, reasons)
-        yield Fit(diagnosis=diagnosis, masks=signature.masks, generic=signature.generic, seen=diagnosis.seen, says=says)
+def nameable(cell: Explained[T]) -> list[T]:
+    """Return the known failures that an expectation may name."""
+    return counting.nameable(cell.diagnoses, counting.stated_in(cell.reasons))

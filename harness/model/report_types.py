@@ -220,6 +220,11 @@ class DiagnosisEntry(msgspec.Struct, frozen=True, kw_only=True):
     seen: str = ""
     proof: str | None = None
 
+    @property
+    def name(self) -> str:
+        """Return the id of the known failure."""
+        return self.signature
+
 
 class ChangeEntry(msgspec.Struct, frozen=True, kw_only=True):
     """A change that was tried, `does` in words and `change` as a machine applies it.
@@ -293,6 +298,11 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     def label(self) -> str:
         """Return the part of the id after the matrix name."""
         return CellId.parse(self.id).label
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Return the lines that say why the cell and its checks ended as they did."""
+        return (self.decisive or "", *(line for case in self.cases for line in case.reasons.values()))
 
     @property
     def observed(self) -> None:

@@ -154,33 +154,32 @@ def entry(assessed: Assessed, making: EntryInputs) -> CellEntry:
     record, locate = assessed.record, making.locate
     cell = record.cell
     change = _change(cell, making) if cell.tried else None
+    alike: tuple[tuple[object, tuple[str, ...]], ...] = (
+        (cell, ("id", "matrix", "base")),
+        (record, ("python", "lock_sha256", "key", "measured", "reused")),
+        (assessed, ("attempts", "verdict", "unverified", "as_expected", "decisive", "phase")),
+    )
     return CellEntry(
-        id=cell.id,
-        matrix=cell.matrix,
+        **{name: getattr(source, name) for source, names in alike for name in names},
         axes=dict(sorted(cell.axes.items())),
         requested_python=cell.python,
-        python=record.python,
         machine=record.machine or None,
         environment=dict(cell.environment),
         supplied=dict(record.supplied),
         installed=dict(record.installed) if record.installed is not None else None,
         lock=locate(record.lock) if record.lock else None,
-        lock_sha256=record.lock_sha256,
-        key=record.key,
-        measured=record.measured,
-        reused=record.reused,
         inferred=False,
-        attempts=assessed.attempts,
         seconds=round(float(record.seconds), 1),
-        verdict=assessed.verdict,
-        unverified=assessed.unverified,
         expected=cell.expect.verdict if cell.expect else Verdict.WORKS,
-        as_expected=assessed.as_expected,
         repairs=tuple(map(_repair, record.repairs)),
-        findings=_findings(assessed),
+        findings=tuple(
+            FindingEntry(check=one.check, level=one.level, text=one.text, cases=cases)
+            for one, cases in assessed.findings.items()
+        ),
         phases={phase: assessed.phases[phase] for phase in Phase if phase in assessed.phases},
-        cases=_cases(assessed, locate),
-        decisive=assessed.decisive,
+        cases=tuple(
+            _case(case, issues, locate) for case, issues in zip(assessed.cases, assessed.open_issues, strict=True)
+        ),
         diagnoses=tuple(map(diagnosis_entry, assessed.diagnoses)),
         evidence=locate(assessed.evidence) if assessed.evidence else None,
         phase=assessed.phase,
@@ -198,16 +197,6 @@ def entry(assessed: Assessed, making: EntryInputs) -> CellEntry:
     )
 
 
-def _findings(assessed: Assessed) -> tuple[FindingEntry, ...]:
-    return tuple(
-        FindingEntry(check=one.check, level=one.level, text=one.text, cases=cases)
-        for one, cases in assessed.findings.items()
-    )
-
-
-def _cases(assessed: Assessed, locate: Locate) -> tuple[CaseEntry, ...]:
-    pairs = zip(assessed.cases, assessed.open_issues, strict=True)
-    return tuple(_case(case, unverified, locate) for case, unverified in pairs)
 
 
 def _change(cell: Cell, making: EntryInputs) -> ChangeEntry | None:

@@ -15,6 +15,7 @@ from itertools import combinations, permutations
 from typing import Any
 
 from harness.judging.expectation import expected
+from harness.judging.known_failures import nameable
 from harness.matrix.matrix_types import ExpectTable, Matrix
 from harness.model import Cell, Phase, Verdict, cellid, schema
 from harness.model.errors import BadInput
@@ -22,7 +23,6 @@ from harness.model.report_types import UNTOLD, CellEntry, word
 from harness.model.vocabulary import When, alternatives, matcher
 from harness.model.words import escaped, recognise
 from harness.reports.merging import natural
-from harness.reports.tables import counted_failures
 
 LONGEST = 160
 """Characters of a decisive line that an expectation repeats."""
@@ -84,7 +84,7 @@ def reds(cells: Iterable[Cell], entries: Mapping[str, Sequence[CellEntry]], toda
 
 def as_expected(cell: Cell, entry: CellEntry, today: str) -> tuple[bool | None, str | None]:
     """Return whether a result fits the matrix's present expectation, and why that is out of date, if it is."""
-    return expected(cell, entry, today, lambda: counted_failures.nameable(entry))
+    return expected(cell, entry, today, lambda: [one.signature for one in nameable(entry)])
 
 
 # --- the tables ------------------------------------------------------------------------------------------------
@@ -225,11 +225,8 @@ def _held(when: When, cells: Iterable[Cell], matrix: Matrix) -> set[str]:
 
 
 def _written(when: When) -> str:
-    return "when = { " + ", ".join(f"{_key(axis)} = {_values(values)}" for axis, values in when.items()) + " }"
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else _string(name)
+    keys = {axis: axis if re.fullmatch(r"[A-Za-z0-9_-]+", axis) else _string(axis) for axis in when}
+    return "when = { " + ", ".join(f"{keys[axis]} = {_values(values)}" for axis, values in when.items()) + " }"
 
 
 def _values(values: str | tuple[str, ...]) -> str:

@@ -8,9 +8,8 @@ them (a newer `inconclusive` does not undo a known result). Then the newer goes 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import reduce
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -76,7 +75,9 @@ def _cells(documents: Iterable[Document]) -> list[CellEntry]:
         for matrix, ids in listed.items():
             orders.setdefault(matrix, set()).add(tuple(ids))
     names = [cell_id for matrix in sorted(orders) for cell_id in _ordered(orders[matrix])]
-    return [entry for cell_id in names for _, entry in sorted(best[cell_id].items()) if _counts(entry, best[cell_id])]
+    # An entry without a machine is listed only if no machine ran the cell.
+    entries = ((best[cell_id], entry) for cell_id in names for _, entry in sorted(best[cell_id].items()))
+    return [entry for of_machine, entry in entries if entry.machine or len(of_machine) == 1]
 
 
 def _worth(cell: CellEntry) -> tuple[bool, bool, str, bool, bytes]:
@@ -84,11 +85,6 @@ def _worth(cell: CellEntry) -> tuple[bool, bool, str, bool, bytes]:
     conclusive, ran = cell.verdict not in UNTOLD, cell.verdict is not Verdict.NOT_RUN
     content = msgspec.json.encode(cell, order="deterministic")
     return conclusive, ran, cell.measured or "", not cell.reused, content
-
-
-def _counts(entry: CellEntry, entries: Mapping[str, CellEntry]) -> bool:
-    """Return whether an entry is listed: one without a machine only if no machine ran the cell."""
-    return bool(entry.machine) or len(entries) == 1
 
 
 def _ordered(orders: set[tuple[str, ...]]) -> list[str]:
@@ -127,11 +123,10 @@ def _machines(documents: Iterable[Document]) -> dict[str, dict[str, Any]]:
     for report in documents:
         for name, facts in report.machines.items():
             groups.setdefault(name, []).append(facts)
-    return {name: reduce(_common, facts) for name, facts in sorted(groups.items())}
-
-
-def _common(facts: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
-    return {name: fact for name, fact in facts.items() if name in other and other[name] == fact}
+    return {
+        name: {key: fact for key, fact in first.items() if all(key in one and one[key] == fact for one in others)}
+        for name, (first, *others) in sorted(groups.items())
+    }
 
 
 def _stale(documents: Iterable[Document], cells: Iterable[CellEntry], planned: set[str], today: str) -> tuple[str, ...]:

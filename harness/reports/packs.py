@@ -185,17 +185,13 @@ def _archive(members: Mapping[str, bytes]) -> bytes:
     """Return a compressed archive, equal for equal members."""
     plain = io.BytesIO()
     with tarfile.open(fileobj=plain, mode="w", format=tarfile.USTAR_FORMAT) as archive:
-        for name, content in sorted(members.items(), key=lambda pair: (pair[0] != CELLS, _kind(pair[1]), pair[0])):
+        # The first bytes are part of the order, so that similar contents lie side by side.
+        for name, content in sorted(members.items(), key=lambda pair: (pair[0] != CELLS, pair[1][:12], pair[0])):
             # A bare TarInfo holds no time and no owner, so equal members make equal bytes.
             info = tarfile.TarInfo(name)
             info.size = len(content)
             archive.addfile(info, io.BytesIO(content))
     return lzma.compress(plain.getvalue(), format=lzma.FORMAT_XZ, check=lzma.CHECK_SHA256, filters=FILTERS)
-
-
-def _kind(content: bytes) -> bytes:
-    """Return the first bytes of a content, so that similar contents lie side by side."""
-    return content[:12]
 
 
 # --- unpacking -------------------------------------------------------------------------------------------------

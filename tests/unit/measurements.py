@@ -13,14 +13,14 @@ from typing import Any
 import msgspec
 from packaging.utils import canonicalize_name
 
-from harness.judging.known_failures import select_counting
+from harness.judging import known_failures
 from harness.model import Outcome, Phase, Verdict
 from harness.model.report_types import CaseEntry, CellEntry
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.packages import locks
 from harness.reports import document
-from harness.reports.tables import counted_failures
 from harness.running.signatures import shipped_signatures
+from harness.standalone.failures.counting import select_counting, stated_in
 from harness.standalone.failures.matching import Around, Evidence, diagnose
 
 ROOT = Path(__file__).parents[2]
@@ -75,7 +75,7 @@ def _of_case(folder: Path, cell: CellEntry, case: CaseEntry) -> Measurement:
     works = not early and Outcome.PASSED in ended and ended <= WELL
     lines = {case.decisive, *case.reasons.values(), *case.masked.values()}
     mine = [one for one in cell.diagnoses if one.seen in lines]
-    counted = counted_failures.counted(msgspec.structs.replace(cell, diagnoses=tuple(mine) or cell.diagnoses))
+    counted = known_failures.counted(msgspec.structs.replace(cell, diagnoses=tuple(mine) or cell.diagnoses))
     causes = tuple(one.signature for one in counted)
     variables = tuple(f"{name}={value}" for name, value in sorted({**cell.environment, **cell.supplied}.items()))
     brought = sorted(map(str, cell.brought or ()))
@@ -132,7 +132,7 @@ def of_hand() -> Iterator[Measurement]:
                 question=lines,
                 versions=versions,
                 python=combination["python"],
-                causes=tuple(str(each.signature.id) for each in select_counting(diagnoses, seen.reasons)),
+                causes=tuple(str(each.signature.id) for each in select_counting(diagnoses, stated_in(seen.reasons))),
                 works=works,
                 passed=works,
             )

@@ -255,14 +255,12 @@ class _RunJudge:
         phase = phase_of(next(iter(self.reading.run.request.limits)))
         followers = self.reading.run.request.followers
         of_run = [*side_findings(reply, ending_of(self.reading), followers)]
-        of_run += [*environment_findings(end.written, end.stray if reply.complete else 0, phase), *self._native(phase)]
+        of_run += environment_findings(end.written, end.stray if reply.complete else 0, phase)
+        lines = native_errors.errors(self.reading.printed)
+        of_run += [Finding(check=f"{phase}.native", level=Level.WARNING, text=line) for line in lines]
         pairs = [*zip(reply.during, reply.findings, strict=True)]
         pairs += [(one.check if one.check in followers else None, one) for one in of_run]
         return tuple((during, replace(one, text=decisive_line.normalise(one.text, {}))) for during, one in pairs)
-
-    def _native(self, phase: Phase) -> list[Finding]:
-        lines = native_errors.errors(self.reading.printed)
-        return [Finding(check=f"{phase}.native", level=Level.WARNING, text=line) for line in lines]
 
 
 def environment_findings(written: tuple[str, ...], stray: int, phase: Phase) -> tuple[Finding, ...]:

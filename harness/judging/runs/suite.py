@@ -65,15 +65,13 @@ def add_run(folded: Folded, reading: Reading) -> Folded:
     """Add one more run to the results so far."""
     ended, runs = _judge_run(reading), (*folded.runs, reading.name)
     if reading.run.request.confirms:
-        previous, passed = folded.ended, ended.outcome is Outcome.PASSED
-        return folded if previous is None else replace(folded, ended=_again(previous, passed=passed), runs=runs)
+        if folded.ended is None:
+            return folded
+        passed_again = (*folded.ended.passed_again, ended.outcome is Outcome.PASSED)
+        return replace(folded, ended=replace(folded.ended, passed_again=passed_again), runs=runs)
     if ended.outcome is Outcome.TIMED_OUT and not folded.overran:
         return Folded(overran=True, runs=runs)
     return Folded(ended=replace(ended, attempts=2 if folded.overran else 1), overran=folded.overran, runs=runs)
-
-
-def _again(ended: Ended, *, passed: bool) -> Ended:
-    return replace(ended, passed_again=(*ended.passed_again, passed))
 
 
 def todo(suite: Suite, folded: Folded, *, verify: bool) -> Request | None:

@@ -17,10 +17,10 @@ from pathlib import Path
 
 import msgspec
 
+from harness.judging.known_failures import counted
 from harness.model.measured import Measured, MeasuredCell
 from harness.model.report_types import UNTOLD, CellEntry, Document
 from harness.reports import document
-from harness.reports.tables.counted_failures import counted
 
 PIN = re.compile(r"^([\w.-]+)==(\S+)((?: \\\n +--hash=sha256:[0-9a-f]{64})+)$", re.MULTILINE)
 HASH = re.compile(r"sha256:([0-9a-f]{64})")
@@ -39,7 +39,8 @@ def from_report(report: Document, folder: Path) -> Measured:
     cells = [cell for cell in report.cells if cell.verdict not in UNTOLD and cell.machine and cell.measured]
     texts = {name: _text(folder, name) for name in {cell.lock for cell in cells if cell.lock}}
     # Only a lock that `lock_text` can restore to the byte is named.
-    named = {name: _sha256(text) for name, text in texts.items() if text and not PIN.sub("", text).strip()}
+    whole = {name: text for name, text in texts.items() if text and not PIN.sub("", text).strip()}
+    named = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in whole.items()}
     return with_locks(
         report.generated,
         report.machines,
@@ -120,10 +121,6 @@ def _text(folder: Path, name: str) -> str:
         return (folder / name).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         return ""
-
-
-def _sha256(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 # --- locks -----------------------------------------------------------------------------------------------------

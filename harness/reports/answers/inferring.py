@@ -55,7 +55,9 @@ def _versions_between(cells: Sequence[CellResult], query: Query) -> Iterator[Inf
         other = replace(query, wanted=(*query.wanted[:place], free, *query.wanted[place + 1 :]))
         for before, after in _neighbours(cells, other, wanted.name) if pinned else ():
             low, high = (Version(str(one.version(wanted.name))) for one in (before, after))
-            if pinned and low < pinned < high and _near(low, high):
+            # By their numbers they should be compatible: the same major version, or the same 0.x.
+            near = low.major == high.major and (low.major > 0 or low.minor == high.minor)
+            if pinned and low < pinned < high and near:
                 yield Inferred(
                     kind="between",
                     versions={name: str(before.version(name)) for name in query.names} | {wanted.name: str(pinned)},
@@ -64,11 +66,6 @@ def _versions_between(cells: Sequence[CellResult], query: Query) -> Iterator[Inf
                     f" {_rest(before, wanted.name)}",
                     from_cells=(before.cell.id, after.cell.id),
                 )
-
-
-def _near(low: Version, high: Version) -> bool:
-    """Return whether two releases should be compatible by their numbers: the same major version, or the same 0.x."""
-    return low.major == high.major and (low.major > 0 or low.minor == high.minor)
 
 
 def _pythons_between(cells: Sequence[CellResult], query: Query) -> Iterator[Inferred]:

@@ -171,7 +171,14 @@ def read(measured: Measured) -> list[CellResult]:
 
 def find_fitting(cells: Iterable[CellResult], query: Query) -> list[CellResult]:
     """Return the cells that are about everything asked for, whatever their verdict."""
-    return [one for one in cells if _holds(one, query) and _of_python(one, query.python) and _has(one, query.env)]
+    return [
+        one
+        for one in cells
+        if all(wanted.fits(one.version(wanted.name)) and wanted.name in one.about for wanted in query.wanted)
+        # The dots keep 3.1 from standing for 3.11.
+        if query.python is None or f"{one.python}.".startswith(f"{query.python}.")
+        if query.env is None or any(_is(case, query.env) for case in one.cell.cases)
+    ]
 
 
 def find_good(cells: Iterable[CellResult], query: Query) -> list[CellResult]:
@@ -206,19 +213,6 @@ def case_works(case: CaseEntry) -> bool:
     silent = any(map(is_silent, case.unverified))
     single = case.phases.get(Phase.SINGLE) is Outcome.PASSED
     return single and {*case.phases.values()} <= fine and not case.misleads and not silent
-
-
-def _holds(result: CellResult, query: Query) -> bool:
-    return all(wanted.fits(result.version(wanted.name)) and wanted.name in result.about for wanted in query.wanted)
-
-
-def _of_python(result: CellResult, python: str | None) -> bool:
-    # The dots keep 3.1 from standing for 3.11.
-    return python is None or f"{result.python}.".startswith(f"{python}.")
-
-
-def _has(result: CellResult, env: str | None) -> bool:
-    return env is None or any(_is(case, env) for case in result.cell.cases)
 
 
 def _is(case: CaseEntry, env: str) -> bool:

@@ -44,7 +44,8 @@ class Listing:
 
 def check_cells(cells: Iterable[Cell], say: Say, *, offline: bool = False) -> None:
     """Refuse requirements of cells that no index has, except in cells expected to be unresolvable. Raises BadInput."""
-    questions = {id(cell.question): cell.question for cell in cells if not _is_expected(cell)}
+    unexpected = (cell for cell in cells if not cell.expect or cell.expect.verdict is not Verdict.UNRESOLVABLE)
+    questions = {id(cell.question): cell.question for cell in unexpected}
     by_index: dict[IndexSettings, dict[str, None]] = {}
     for question in questions.values():
         texts = by_index.setdefault(question.index, {})
@@ -62,7 +63,8 @@ def check(requirements: Iterable[str], say: Say, index: IndexSettings = NOTHING,
         if not requirement.url:
             wanted.setdefault(canonicalize_name(requirement.name), []).append(requirement)
     memory = _Memory(index)
-    unseen = [name for name, asked in wanted.items() if not _all_fit(asked, memory.load(name))]
+    listings = {name: memory.load(name) for name in wanted}
+    unseen = [name for name, asked in wanted.items() if not all(_fits(one, listings[name]) for one in asked)]
     answers = _ask_index(unseen, index, offline=offline)
     wrong = [line for name, listed in answers.items() for line in _describe_faults(name, wanted[name], listed)]
     if wrong:
@@ -70,10 +72,6 @@ def check(requirements: Iterable[str], say: Say, index: IndexSettings = NOTHING,
     if len(answers) < len(unseen):
         silent = ", ".join(name for name in unseen if name not in answers)
         say(f"note: the package index could not be asked whether this exists: {silent}")
-
-
-def _is_expected(cell: Cell) -> bool:
-    return cell.expect is not None and cell.expect.verdict is Verdict.UNRESOLVABLE
 
 
 # --- what is wrong ---------------------------------------------------------------------------------------------
@@ -121,10 +119,6 @@ def _pinned(requirement: Requirement) -> str | None:
         part.version for part in requirement.specifier if part.operator in {"==", "==="} and "*" not in part.version
     ]
     return exact[0] if len(requirement.specifier) == 1 and exact else None
-
-
-def _all_fit(requirements: Iterable[Requirement], listed: Listing | None) -> bool:
-    return all(_fits(one, listed) for one in requirements)
 
 
 def _fits(requirement: Requirement, listed: Listing | None) -> bool:

@@ -37,8 +37,8 @@ def apart(cells: Sequence[CellResult], query: Query) -> Apart | None:
     """Return the results of packages that no cell combines; None if some cell does, whatever its versions."""
     free = tuple(replace(one, versions=SpecifierSet()) for one in query.wanted)
     # A red measurement counts, also one that could not be locked: the packages were tried together.
-    about = [one for one in find_fitting(cells, Query(wanted=free)) if one.cell.lock is None or _ran_all(one, query)]
-    if len(query.wanted) < 2 or about:
+    fits = find_fitting(cells, Query(wanted=free))
+    if len(query.wanted) < 2 or any(one.cell.lock is None or {*query.names} <= one.about for one in fits):
         return None
     names = _largest(cells, query)
     groups = [names, *((name,) for name in query.names if name not in names)]
@@ -51,10 +51,6 @@ def installed(cells: Sequence[CellResult], name: str) -> tuple[str, ...]:
     """Return the releases of a package that were in locks of working cells and that no case ran, newest first."""
     releases = {one.pins[name] for one in cells if one.works and name in one.pins and name not in one.exercised}
     return tuple(sorted(releases, key=Version, reverse=True))
-
-
-def _ran_all(result: CellResult, query: Query) -> bool:
-    return all(name in result.about for name in query.names)
 
 
 def _largest(cells: Sequence[CellResult], query: Query) -> tuple[str, ...]:

@@ -77,6 +77,7 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
         key=lambda combination: bool(combination.repaired or combination.brought)
     )  # what anybody can install goes first
     together = None if combinations else apart(cells, query)
+    never_run = [name for name in query.names if not any(name in one.about for one in cells)]
     return Recommended(
         asked=tuple(one.text for one in query.wanted),
         python=query.python,
@@ -92,14 +93,9 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
         red=tuple(traps.find_traps(cells, query)),
         nearby=None if combinations or together else _nearby(cells, query, limit),
         unknown=tuple(name for name in query.names if not any(one.version(name) for one in cells)),
-        installed={name: releases for name in query.names if (releases := _only_installed(cells, name))},
+        installed={name: releases for name in never_run if (releases := installed(cells, name))},
         next=next_,
     )
-
-
-def _only_installed(cells: Sequence[CellResult], name: str) -> tuple[str, ...]:
-    """Return the releases of a package that were only installed; empty if some cell is about the package."""
-    return () if any(name in one.about for one in cells) else installed(cells, name)
 
 
 def _doubtful(cells: Sequence[CellResult], query: Query, combinations: Sequence[Combination]) -> list[Combination]:

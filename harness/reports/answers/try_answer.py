@@ -122,8 +122,9 @@ def _describe_phases(judged: Assessed) -> str:
         shown = [f"{' and '.join(case.misleads)} of {_name(case.record)}" for case in wrong]
         parts.append(f"not as specified: {', '.join(shown)}")
     elif judged.phase and judged.verdict is not Verdict.WORKS:
-        failed = [_name(case) for case in record.cases if _ended(case, judged.phase) is judged.phases[judged.phase]]
         ended = judged.phases[judged.phase]
+        ends = ((case, phase) for case in record.cases for phase in case.phases)
+        failed = [_name(case) for case, one in ends if (one.phase, one.outcome) == (judged.phase, ended)]
         outcome = "could not be told" if ended is Outcome.INFRA else word(ended)
         parts.append(f"{judged.phase} {outcome}" + (f" of {' and '.join(failed)}" if failed else ""))
     where = f" on Python {record.python}" if record.python else ""
@@ -132,16 +133,13 @@ def _describe_phases(judged: Assessed) -> str:
     drawn = any(phase.phase is Phase.RENDER and phase.frames for case in record.cases for phase in case.phases)
     needed = tables.settings(record.supplied, record.installed or {}) if drawn else ()
     settings = [f"drawn with {', '.join(needed)}, which a user sets, too"] if needed else []
+    reasons = {p.phase: p.decisive for case in reversed(record.cases) for p in reversed(case.phases) if p.decisive}
     open_ends = [Phase(name) for name in judged.unverified if name in {*Phase}]
-    unverified = (f"{phase} not verified: {_why(record, phase)}" for phase in open_ends)
+    unverified = (f"{phase} not verified: {reasons.get(phase, 'it was not reached')}" for phase in open_ends)
     notes = [*_registered_by(record), *_undrawn(record), *_skipped(record)]
-    return "; ".join([tried, *notes, *settings, *mended, *unverified, *_doubts(judged)])
-
-
-def _doubts(judged: Assessed) -> Iterable[str]:
-    """Yield a note for each silent known issue that no check has shown or refuted."""
-    names = (name.removeprefix(PREFIX) for name in judged.unverified if name.startswith(PREFIX))
-    return (f"a known issue without an error is not excluded: {name}" for name in names)
+    silent = (name.removeprefix(PREFIX) for name in judged.unverified if name.startswith(PREFIX))
+    doubts = (f"a known issue without an error is not excluded: {name}" for name in silent)
+    return "; ".join([tried, *notes, *settings, *mended, *unverified, *doubts])
 
 
 def _registered_by(record: CellRecord) -> Iterable[str]:
@@ -168,12 +166,3 @@ def _skipped(record: CellRecord) -> Iterable[str]:
 
 def _name(case: CaseRecord) -> str:
     return case.env or case.case.removeprefix("import-")
-
-
-def _ended(case: CaseRecord, phase: Phase) -> Outcome | None:
-    return next((record.outcome for record in case.phases if record.phase is phase), None)
-
-
-def _why(record: CellRecord, phase: Phase) -> str:
-    lines = (p.decisive for case in record.cases for p in case.phases if p.phase is phase and p.decisive)
-    return next(lines, "it was not reached")

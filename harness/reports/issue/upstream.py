@@ -13,13 +13,13 @@ from typing import Any
 
 from packaging.utils import canonicalize_name
 
+from harness.judging.known_failures import counted
 from harness.model import FAILING, Case, Cell, Outcome, Phase
-from harness.model.report_types import CellEntry, DiagnosisEntry, word
+from harness.model.report_types import CellEntry, word
 from harness.model.vocabulary import required_name
 from harness.model.words import VIOLATION, in_words
 from harness.probes.wire import plain_records
 from harness.reports.issue import redacting, reproducing
-from harness.reports.tables.counted_failures import counted
 from harness.reports.tables.tables import settings
 from harness.reports.text import platforms
 from harness.reports.text.markdown_texts import address, block, code, prose, table_cell
@@ -97,7 +97,8 @@ def _title(failing: Failing) -> str:
 def _what(failing: Failing) -> Iterator[str]:
     case, check = failing.case, failing.check
     where = f" of {code(case.env)}" if case and case.env else ""
-    yield f"## What happens\n\n{SAYS.get(failing.phase, str(failing.phase))}{where}: {word(_outcome(failing))}" + (
+    outcome = word(failing.entry.phases.get(failing.phase, "failed"))
+    yield f"## What happens\n\n{SAYS.get(failing.phase, str(failing.phase))}{where}: {outcome}" + (
         f" (`{check}`)." if check else "."
     )
     yield block(failing.entry.decisive or "nothing was said")
@@ -116,10 +117,6 @@ SAYS = {
 }
 
 
-def _outcome(failing: Failing) -> str:
-    return str(failing.entry.phases.get(failing.phase, "failed"))
-
-
 def _describe_cause(failing: Failing) -> Iterator[str]:
     """Yield the deepest known cause, and its remedy if that was proven."""
     deepest = next(iter(counted(failing.entry)), None)
@@ -127,11 +124,8 @@ def _describe_cause(failing: Failing) -> Iterator[str]:
         return
     links = "".join(f"\n- {address(link)}" for link in deepest.references)
     yield f"## Cause\n\n{deepest.cause}" + (f"\n{links}" if links else "")
-    yield from [_remedy(deepest)] if deepest.proof else []
-
-
-def _remedy(diagnosis: DiagnosisEntry) -> str:
-    return f"With this change alone, and all else as below, it works (measured): {remedies.in_words(diagnosis.remedy)}"
+    if deepest.proof:
+        yield f"With this change alone, and all else as below, it works (measured): {remedies.in_words(deepest.remedy)}"
 
 
 # --- versions --------------------------------------------------------------------------------------------------

@@ -1,3 +1,3 @@
 """Group the cells of a document into tables: plain data, ready to be shown in any form."""
 
-__all__ = ["cause_groups", "change_effects", "counted_failures", "family_tables", "table_types", "tables"]
+__all__ = ["cause_groups", "change_effects", "family_tables", "table_types", "tables"]

@@ -10,10 +10,10 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
+from harness.judging.known_failures import counted
 from harness.model.report_types import REPAIR, SEVERITY, CellEntry, format_count
 from harness.model.vocabulary import CHANGING, parsed_requirement
 from harness.reports.tables import change_effects, verdict_reasons
-from harness.reports.tables.counted_failures import counted
 from harness.reports.tables.table_types import Cause, Explanation, Trouble
 
 NAMED = 2

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 import msgspec
 
 from harness.judging.expectation import fulfilled
+from harness.judging.identity import failure
 from harness.model import FAILING, Phase
 from harness.model.report_types import UNTOLD, CellEntry, DiagnosisEntry
-from harness.reports.tables import counted_failures
 from harness.reports.tables.table_types import Effect
 
 
@@ -23,7 +23,7 @@ def effect(before: CellEntry, after: CellEntry) -> Effect:
     first, second = _failed(before), _failed(after)
     if second < first:
         return Effect.PARTLY
-    failed = counted_failures.failure(before), counted_failures.failure(after)
+    failed = failure(before), failure(after)
     if failed[0] and failed[1] and failed[0].same(failed[1]):
         return Effect.BREAKS if first < second else Effect.NOTHING
     # Another failure: in an earlier phase the change made it, else the first failure may have hidden it.

@@ -120,7 +120,7 @@ def _parts(cells: Sequence[CellEntry], machine: str, beside: _Beside) -> list[Sq
 def _entry(cells: Sequence[CellEntry], machine: str, where: tuple[str, ...], beside: _Beside) -> Square:
     verdict = cells[0].verdict
     count, of = tasks(cells)
-    works, red = verdict is Verdict.WORKS, _red(cells[0])
+    works, red = verdict is Verdict.WORKS, verdict not in {*UNTOLD, Verdict.WORKS}
     phases = {cell.phase for cell in cells if cell.phase and red}
     return Square(
         machine=machine,
@@ -131,18 +131,12 @@ def _entry(cells: Sequence[CellEntry], machine: str, where: tuple[str, ...], bes
         where=where,
         phase=", ".join(phase for phase in Phase if phase in phases) if count == of and of else "",
         patched=any(cell.repairs for cell in cells),
-        fixed=not works
-        and verdict not in UNTOLD
-        and any(change_effects.works(one) for cell in cells for one in beside.of(cell)),
+        fixed=red and any(change_effects.works(one) for cell in cells for one in beside.of(cell)),
         varies=works
         and any(one.verdict not in {*UNTOLD, Verdict.WORKS} for cell in cells for one in beside.sides(cell)),
         uneven=len({frozenset(case.case for case in cell.cases if tried(case)) for cell in cells}) > 1,
         doubted=works and any(map(verdict_reasons.doubted, cells)),
     )
-
-
-def _red(cell: CellEntry) -> bool:
-    return cell.verdict not in {*UNTOLD, Verdict.WORKS}
 
 
 def _minor(cell: CellEntry) -> str:

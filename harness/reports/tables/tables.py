@@ -34,7 +34,8 @@ ORDER = ("reproducibility", "API conformance", "rendering", "deprecations", "oth
 
 def report(document: Document, pivot: tuple[str, str] | None = None) -> Report:
     """Return the tables of a report; `pivot` names the axes of the small table, down and across."""
-    matrices = {name: document.matrices.get(name) or _guessed(document.cells, name) for name in _names(document)}
+    names = dict.fromkeys((*document.matrices, *(cell.matrix for cell in document.cells)))
+    matrices = {name: document.matrices.get(name) or _guessed(document.cells, name) for name in names}
     check_pivot(pivot, [matrix.axes for matrix in matrices.values()])
     return Report(
         generated=document.generated,
@@ -53,10 +54,6 @@ def check_pivot(pivot: Sequence[str] | None, axes: Sequence[Sequence[str]]) -> N
             f"--pivot {' '.join(pivot)}: takes two axes of one matrix; known here: {', '.join(valid_axes) or 'none'}"
         )
         raise BadInput(message)
-
-
-def _names(document: Document) -> tuple[str, ...]:
-    return tuple(dict.fromkeys((*document.matrices, *(cell.matrix for cell in document.cells))))
 
 
 def _guessed(cells: Iterable[CellEntry], name: str) -> MatrixEntry:
@@ -107,6 +104,7 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
 
 def _tasks(cells: Iterable[CellEntry]) -> tuple[Task, ...]:
     """Return each environment with its phases, in how many cells it was tried, and in how many it passed."""
+    untried = {None, Outcome.SKIPPED, Outcome.NOT_REACHED}
     seen: dict[tuple[str, str, str], list[CaseEntry]] = {}
     for case in (case for cell in cells for case in cell.cases):
         seen.setdefault((case.case, case.env or "", case.api), []).append(case)
@@ -115,16 +113,12 @@ def _tasks(cells: Iterable[CellEntry]) -> tuple[Task, ...]:
             name=name,
             env=env,
             api=api,
-            phases=tuple(phase for phase in Phase if any(_reached(case, phase) for case in cases)),
+            phases=tuple(phase for phase in Phase if any(case.phases.get(phase) not in untried for case in cases)),
             passed=sum(map(squares.passed, cases)),
             tried=sum(map(squares.tried, cases)),
         )
         for (name, env, api), cases in seen.items()
     )
-
-
-def _reached(case: CaseEntry, phase: Phase) -> bool:
-    return case.phases.get(phase, Outcome.SKIPPED) not in {Outcome.SKIPPED, Outcome.NOT_REACHED}
 
 
 def _drawing(cell: CellEntry) -> Iterator[tuple[str, str]]:
@@ -150,12 +144,11 @@ def _rows(cells: Iterable[CellEntry], columns: Sequence[str], machines: Sequence
     alike: dict[Row, list[Row]] = {}
     for row in rows:
         alike.setdefault(replace(row, machine="", seconds=0.0), []).append(row)
-    return tuple(
-        replace(
-            row, seconds=max(one.seconds for one in found), machine=_named([one.machine for one in found], machines)
-        )
-        for row, found in alike.items()
-    )
+    merged = []
+    for row, found in alike.items():
+        where = "every machine" if len(found) == len(machines) else ", ".join(one.machine for one in found)
+        merged.append(replace(row, seconds=max(one.seconds for one in found), machine=where))
+    return tuple(merged)
 
 
 def _urgency(row: Row) -> int:
@@ -163,10 +156,6 @@ def _urgency(row: Row) -> int:
     if row.as_expected is False:
         return 0
     return 3 if row.verdict is Verdict.WORKS else 2 if row.verdict in UNTOLD else 1
-
-
-def _named(names: Sequence[str], machines: Sequence[str]) -> str:
-    return "every machine" if len(names) == len(machines) else ", ".join(names)
 
 
 def _row(cell: CellEntry, columns: Sequence[str]) -> Row:
@@ -230,7 +219,8 @@ def _findings(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[Remark, 
     groups: dict[tuple[str, str, str], list[tuple[str, CellEntry]]] = {}
     for cell in cells:
         for finding in cell.findings:
-            groups.setdefault((_kind(finding.check), finding.level, finding.text), []).append((finding.check, cell))
+            kind = next(kind for kind, marks in KINDS.items() if any(mark in finding.check for mark in marks))
+            groups.setdefault((kind, finding.level, finding.text), []).append((finding.check, cell))
     remarks = [
         Remark(
             about=f"{', '.join(dict.fromkeys(check for check, _ in found))}; {level}",
@@ -242,10 +232,6 @@ def _findings(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[Remark, 
         for (kind, level, text), found in groups.items()
     ]
     return tuple(sorted(remarks, key=lambda remark: (ORDER.index(remark.kind), -len(remark.cells))))
-
-
-def _kind(check: str) -> str:
-    return next(kind for kind, marks in KINDS.items() if any(mark in check for mark in marks))
 
 
 def _dropped(gone: Iterable[tuple[str, str, int]]) -> tuple[Remark, ...]:

@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from harness.judging.known_failures import counted
 from harness.model import Verdict
 from harness.model.cellid import CellId
 from harness.model.report_types import CellEntry, word
 from harness.reports.tables import change_effects
-from harness.reports.tables.counted_failures import counted
 from harness.reports.tables.table_types import Attempt, Cause, Effect, Explanation
 from harness.standalone.failures.remedies import in_words
 from harness.standalone.failures.silent import PREFIX, plainly_good

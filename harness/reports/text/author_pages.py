@@ -48,7 +48,9 @@ def render(template: str, document: Document, report: Report) -> str:
         return environment.from_string(template).render(document=document, report=report, **context)
     except TemplateError as error:
         line = getattr(error, "lineno", None)
-        message = f"the page of {_named(document)}: {f'line {line}: ' if line else ''}{error.message or error}"
+        message = (
+            f"the page of {', '.join(document.matrices)}: {f'line {line}: ' if line else ''}{error.message or error}"
+        )
         raise BadInput(message) from None
 
 
@@ -103,7 +105,3 @@ def _case(cell: CellEntry, name: str) -> CaseEntry:
         message = f'its page speaks of a case "{name}", which {cell.id} does not have'
         raise BadInput(message)
     return entry
-
-
-def _named(document: Document) -> str:
-    return ", ".join(document.matrices)

@@ -7,7 +7,6 @@ the host, which is the known workaround if the first fails.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -92,9 +91,12 @@ def pairs(cell: CellEntry) -> tuple[Pair, ...]:
     by_devices: dict[tuple[int, int], dict[str, Way]] = {}
     for case in cell.cases:
         if named := CASE.fullmatch(case.case):
-            compute, graphics, path = named.groups()
-            by_devices.setdefault((int(compute), int(graphics)), {})[path] = way(case, native[case.case])
-    return tuple(_pair(devices, ways) for devices, ways in sorted(by_devices.items()))
+            devices = int(named[1]), int(named[2])
+            by_devices.setdefault(devices, {})[named[3]] = way(case, native[case.case])
+    return tuple(
+        Pair(compute=compute, graphics=graphics, tensor=ways.get("tensor", Way()), cpu=ways.get("cpu", Way()))
+        for (compute, graphics), ways in sorted(by_devices.items())
+    )
 
 
 def way(case: CaseEntry, native: tuple[str, ...] = ()) -> Way:
@@ -116,7 +118,3 @@ def way(case: CaseEntry, native: tuple[str, ...] = ()) -> Way:
 def _says(code: str, line: str) -> bool:
     """Return whether a line is the sentence of an observation code."""
     return re.search(wording(code), line) is not None
-
-
-def _pair(devices: tuple[int, int], ways: Mapping[str, Way]) -> Pair:
-    return Pair(compute=devices[0], graphics=devices[1], tensor=ways.get("tensor", Way()), cpu=ways.get("cpu", Way()))

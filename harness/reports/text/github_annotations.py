@@ -36,7 +36,9 @@ def github(document: Document, fail_on: Collection[str]) -> str:
         rest = format_count(len(wrong) - SHOWN + 1, "more reason")
         closing = Annotation(title=f"and {rest} to fail", message="All of them are in the summary and in the report.")
         wrong = (*wrong[: SHOWN - 1], closing)
-    return "".join(f"::error title={_property(one.title)}::{_data(one.message)}\n" for one in wrong)
+    # The value of a property has two more characters to escape than the message.
+    titles = (_data(one.title).replace(":", "%3A").replace(",", "%2C") for one in wrong)
+    return "".join(f"::error title={title}::{_data(one.message)}\n" for title, one in zip(titles, wrong, strict=True))
 
 
 def reasons(document: Document, fail_on: Collection[str]) -> Iterator[Annotation]:
@@ -79,11 +81,6 @@ def _describe_result(cell: CellEntry) -> str:
 def _data(text: str) -> str:
     """Escape text for the message of a workflow command."""
     return strip_controls(text).replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
-
-
-def _property(text: str) -> str:
-    """Escape text for the value of a property of a workflow command."""
-    return _data(text).replace(":", "%3A").replace(",", "%2C")
 
 
 def summary(page: str, limit: int = SUMMARY) -> str:

@@ -65,9 +65,7 @@ def _prose(text: str) -> str:
 
 
 def _prose_in_table(text: str) -> str:
-    text = text.replace("\\", "\\\\").replace("|", "\\|").replace("*", "\\*")
-    text = MENTION.sub("@&#8203;", TAG.sub("&lt;", text))
-    return text.replace("[", "\\[") if LINKS.search(text) else text
+    return _prose(text.replace("\\", "\\\\").replace("|", "\\|").replace("*", "\\*"))
 
 
 def _escaped(text: str, of_prose: Callable[[str], str], of_code: Callable[[str], str]) -> str:

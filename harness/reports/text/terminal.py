@@ -206,12 +206,9 @@ def _table(pivot: Pivot, first: int, last: int) -> RenderableType:
 def _shown(pivot: Pivot) -> list[tuple[str, tuple[tuple[Square, ...], ...]]]:
     """Return the rows; of more than `LISTED` rows, those in which something does not work."""
     rows = list(zip(pivot.rows, pivot.squares, strict=True))
-    return rows if len(rows) <= LISTED else [row for row in rows if not _green(row[1])]
-
-
-def _green(squares: Iterable[Sequence[Square]]) -> bool:
-    """Return whether everything that was tried in a row works."""
-    return all(one.verdict is Verdict.WORKS for square in squares for one in square)
+    if len(rows) <= LISTED:
+        return rows
+    return [row for row in rows if any(one.verdict is not Verdict.WORKS for square in row[1] for one in square)]
 
 
 def _square(pivot: Pivot, square: Sequence[Square]) -> Text:
@@ -241,18 +238,15 @@ def _list(sheet: Sheet) -> Iterable[RenderableType]:
 
     Of more than `LISTED` cells, those with nothing to say are only counted.
     """
-    rows = sheet.rows if len(sheet.rows) <= LISTED else [row for row in sheet.rows if not _plain(row)]
+    quiet = {Verdict.WORKS, Verdict.NOT_RUN}
+    telling = [row for row in sheet.rows if row.verdict not in quiet or row.as_expected is False or row.why]
+    rows = sheet.rows if len(sheet.rows) <= LISTED else telling
     for row in rows:
         yield _verdict(row)
         yield _padded(_details(sheet, row))
     if len(rows) < len(sheet.rows):
         more = format_count(len(sheet.rows) - len(rows), "more cell")
         yield _styled((f"{more} of which there is nothing to say; the Markdown report lists them", GREY))
-
-
-def _plain(row: Row) -> bool:
-    """Return whether there is nothing to say of a cell: it works, as expected, or was not run."""
-    return row.verdict in {Verdict.WORKS, Verdict.NOT_RUN} and row.as_expected is not False and not row.why
 
 
 def _verdict(row: Row) -> Text:
@@ -278,14 +272,12 @@ def _details(sheet: Sheet, row: Row) -> Text:
     if row.suite:
         parts.append((f"\nown tests: {row.suite}", ""))
     parts += [(f"\nhid behind {mask}", GREY) for mask in row.hidden_by]
-    parts += [(f"\nknown as {row.known}", ""), _fix(row)] if row.known else []
+    if row.known:
+        fix = f"\nfix: {report_markdown.first_sentence(row.remedy)}"
+        parts += [(f"\nknown as {row.known}", ""), (fix, GREEN if row.proven else "")]
     if row.expected:
         parts.append((f"\n{row.expected}", "bold" if row.as_expected is False else GREY))
     return _styled(*parts)
-
-
-def _fix(row: Row) -> tuple[str, str]:
-    return f"\nfix: {report_markdown.first_sentence(row.remedy)}", GREEN if row.proven else ""
 
 
 # --- what needs words ------------------------------------------------------------------------------------------

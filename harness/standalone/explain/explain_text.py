@@ -6,7 +6,7 @@ import re
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ..failures import matching
-from ..failures.counting import Fit, select_counting
+from ..failures.counting import select_counting
 from ..failures.lines import MASKS, shorten_line
 from ..failures.machine_trouble import SHORTAGES, UNREACHABLE
 from ..failures.matching import Around, Diagnosis, Evidence
@@ -75,9 +75,7 @@ class Explanation(NamedTuple):
     def causes(self) -> Tuple[Diagnosis, ...]:
         """Return the causes that count, the deepest first; none if another process died and nothing says why."""
         failure, echoed = self.failure, self.echoed
-        return select_counting(
-            _fit(hit, says=not echoed and _where(hit, failure) is DECISIVE) for hit in self.diagnoses
-        )
+        return select_counting(self.diagnoses, lambda hit: not echoed and _where(hit, failure) is DECISIVE)
 
     @property
     def cause(self) -> Optional[Diagnosis]:
@@ -102,11 +100,7 @@ class Explanation(NamedTuple):
 
 def _deepest(hits: Sequence[Diagnosis]) -> Optional[Diagnosis]:
     """Return the deepest cause that hides no other; None where none is known."""
-    return next(iter(select_counting(_fit(hit, says=False) for hit in hits)), None)
-
-
-def _fit(hit: Diagnosis, *, says: bool) -> Fit:
-    return Fit(diagnosis=hit, masks=hit.signature.masks, generic=hit.signature.generic, seen=hit.seen, says=says)
+    return next(iter(select_counting(hits, lambda hit: False)), None)
 
 
 def _diagnosis(hit: Diagnosis, phase: Optional[str]) -> Dict[str, Any]:

@@ -133,6 +133,21 @@ class Diagnosis(NamedTuple):
     is_reason: bool
 
     @property
+    def masks(self) -> bool:
+        """Return whether it hides another failure."""
+        return bool(self.signature.masks)
+
+    @property
+    def generic(self) -> bool:
+        """Return whether it speaks of a line in general."""
+        return bool(self.signature.generic)
+
+    @property
+    def name(self) -> str:
+        """Return the id of the known failure."""
+        return str(self.signature.id)
+
+    @property
     def rank(self) -> Tuple[Any, ...]:
         """Return a sort key, least for the deepest cause.
 

@@ -12,13 +12,12 @@ from builders import case, cell, entry, make_knowledge, phase, record, step, war
 from specimens import RESET, XML
 
 from harness.judging.assess import assess
-from harness.judging.known_failures import Knowledge
+from harness.judging.known_failures import Knowledge, counted
 from harness.matrix import signatures
 from harness.matrix.signatures import Sighting
 from harness.model import CellRecord, CheckRecord, Expectation, Observed, Outcome, Phase, Step, Subject, Suite, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry
-from harness.reports.tables import counted_failures
 from harness.running import own_suites
 from harness.running.signatures import shipped_signatures, signature_files
 
@@ -155,9 +154,9 @@ def test_a_mask_that_was_seen_through_is_no_cause() -> None:
     check = CheckRecord(check="vector.sync", outcome=Outcome.FAILED, decisive=through.decisive, masked_by=RESET)
     seen = entry(record(case("ppfp", vector=replace(through, checks=(check,)))), known())
     assert [each.signature for each in seen.diagnoses] == ["mask"]
-    assert counted_failures.counted(seen) == ()
+    assert counted(seen) == ()
     bare = entry(record(case("ppfp", vector=replace(VECTOR, decisive=RESET, checks=()))), known())
-    assert [each.signature for each in counted_failures.counted(bare)] == ["mask"]
+    assert [each.signature for each in counted(bare)] == ["mask"]
 
 
 def expecting(signature: str) -> CellRecord:

@@ -7,10 +7,10 @@ from functools import cache
 from pathlib import Path
 
 from harness.judging import failure_texts
+from harness.judging.known_failures import counted
 from harness.model import Verdict
 from harness.model.report_types import CellEntry
 from harness.reports import document
-from harness.reports.tables import counted_failures
 from harness.running.signatures import shipped_signatures
 from harness.standalone.explain.explain_text import Explanation, Facts, explain_text
 from harness.standalone.failures import matching
@@ -49,7 +49,7 @@ def test_texts_of_what_fails_tell_the_causes_that_cells_have() -> None:
     coded = {str(one.id) for one in shipped_signatures.load_all() if one.code}  # a log has no word of our own checks
     right = other = 0
     for folder, cell in cells():
-        expected = {one.signature for one in counted_failures.counted(cell)} - coded
+        expected = {one.signature for one in counted(cell)} - coded
         text = "\n".join(said(folder, cell))
         if expected and text:
             cause = made(text, cell).cause
