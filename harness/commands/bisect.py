@@ -235,7 +235,7 @@ def _working_versions(request: BisectRequest) -> Iterator[str]:
                 yield record.installed.get(request.axis, "")
     before = result_index.load()
     for cell in before.cells:
-        if plainly_good(cell.verdict, cell.unverified) and envs & {case.env for case in cell.cases}:
+        if cell.good and envs & {case.env for case in cell.cases}:
             yield dict(before.locks.get(cell.lock or "", ())).get(request.axis, "")
 
 

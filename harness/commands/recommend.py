@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 import shutil
 import sys
 from collections.abc import Sequence
@@ -56,8 +55,9 @@ def main(args: argparse.Namespace) -> int:
     measured = result_index.load()
     cells = measured_cells.read(measured)
     _check(cells, query, offline=args.offline)
+    trying = recommended_text.try_command([one.text for one in query.wanted], query.python, query.env)
     limit = len(cells) if args.all else max(args.limit, 1)
-    answer = build_answer(cells, query, limit, _try_command(query))
+    answer = build_answer(cells, query, limit, trying)
     if args.lock_out:
         _write(args.lock_out, next(iter(answer.measured), None), query, offline=args.offline)
     if args.json:
@@ -93,14 +93,6 @@ def _check(cells: Sequence[CellResult], query: Query, *, offline: bool) -> None:
     """Refuse packages and releases that no index has, without asking for measured ones. Raises BadInput."""
     unseen = [one for one in query.wanted if not any(one.fits(cell.pins.get(one.name)) for cell in cells)]
     misspelt.check([one.text for one in unseen], lambda text: print(text, file=sys.stderr), offline=offline)
-
-
-def _try_command(query: Query) -> str:
-    """Return the `simmatrix try` command that would measure the query."""
-    words = ["simmatrix", "try", *(one.text for one in query.wanted)]
-    words += ["--python", query.python] if query.python else []
-    words += ["--env", query.env] if query.env else []
-    return shlex.join(words)
 
 
 def _write(path: Path, best: Combination | None, query: Query, *, offline: bool) -> None:

@@ -12,6 +12,7 @@ import msgspec
 
 from harness.model import Brought, Control, Dropped, Expectation, Level, Outcome, Phase, Role, Verdict
 from harness.model.cellid import CellId
+from harness.standalone.failures import silent
 
 SEVERITY = (
     Verdict.UNRESOLVABLE,
@@ -298,6 +299,16 @@ class CellEntry(msgspec.Struct, frozen=True, kw_only=True):
     def label(self) -> str:
         """Return the part of the id after the matrix name."""
         return CellId.parse(self.id).label
+
+    @property
+    def good(self) -> bool:
+        """Return whether the cell works, and no silent known issue is left open in it."""
+        return silent.plainly_good(self.verdict, self.unverified)
+
+    @property
+    def doubts(self) -> list[str]:
+        """Return the ids of the silent known issues that fit the cell and were neither shown nor refuted."""
+        return silent.silent_ids(self.unverified)
 
     @property
     def reasons(self) -> tuple[str, ...]:

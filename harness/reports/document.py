@@ -95,16 +95,14 @@ def build(  # noqa: PLR0913 - all that a document is made of
         machines={name: dict(facts) for name, facts in sorted(machines.items())},
         cells=change_effects.mark_proven(cells),
         dropped=tuple(gone for plan in plans for gone in plan.dropped),
-        matrices={plan.matrix: matrix_entry(plan) for plan in plans},
+        matrices={
+            plan.matrix: MatrixEntry(
+                axes=plan.axes, shown=plan.shown, snapshot=plan.snapshot, pivot=plan.pivot, title=plan.title or None
+            )
+            for plan in plans
+        },
         stale=tuple(dict.fromkeys(stale)),
         probes=dict(probes),
-    )
-
-
-def matrix_entry(plan: Plan) -> MatrixEntry:
-    """Return the document's entry for a matrix."""
-    return MatrixEntry(
-        axes=plan.axes, shown=plan.shown, snapshot=plan.snapshot, pivot=plan.pivot, title=plan.title or None
     )
 
 

@@ -15,7 +15,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness.judging.runs import decisive_line
 from harness.judging.runs.suite import CHECK, SOURCE
 from harness.machine import display, process
 from harness.machine.files.guarded_files import Folder
@@ -42,6 +41,7 @@ from harness.probes import launch
 from harness.probes.evidence import JUNIT, LOG, MODULES, End, Host, ProbeRun, Request
 from harness.probes.measure import end_of
 from harness.probes.vault import Vault, keep_files
+from harness.standalone.failures.lines import normalise, shorten_line
 
 DOOR = launch.INCELL / "bootstrap_suite.py"
 PYTEST = "pytest"
@@ -96,7 +96,7 @@ def not_run(decisive: str, step: Step) -> PhaseRecord:
     return PhaseRecord(
         phase=Phase.SUITE,
         outcome=outcome,
-        decisive=decisive_line.shorten_line(decisive),
+        decisive=shorten_line(decisive),
         checks=(check,),
         evidence=step.log,
         reused=step.reused,
@@ -144,7 +144,7 @@ class Bench:
         places = {**self.places, str(source): SOURCE, str(scratch): "$SCRATCH", **environments, **shown}
 
         def clean(text: str) -> str:
-            return decisive_line.normalise(text, places)
+            return normalise(text, places)
 
         texts = {name: HOST.sub("", _text(left, name)) for name in (LOG, JUNIT, MODULES)}
         end = end_of(completed, clean, lost=lost)

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from spine.commandline import closed_network, processes_of
 
-from harness.judging.runs.decisive_line import normalise
 from harness.machine import display, gl_probe, this_machine
 from harness.machine.process import Command, Limits, Profile, run
+from harness.standalone.failures.lines import normalise
 
 PROBE = str(Path(gl_probe.__file__))
 KEEPING = """

@@ -17,7 +17,6 @@ from fuzzing.mutating import content, mutate, mutate_json
 from fuzzing.targets import ROOT, Target
 
 from harness.judging import failure_texts
-from harness.judging.runs import decisive_line
 from harness.judging.runs.check import Ending, check_record, side_findings
 from harness.machine.store import InstallResult, Store
 from harness.model import CellRecord, Lock, Phase, PhaseRecord
@@ -25,6 +24,7 @@ from harness.model.hostile_data import Unreadable
 from harness.packages.environments import environment_damage, site_packages
 from harness.probes import thumbnails, wire
 from harness.reports.issue import upstream
+from harness.standalone.failures.lines import normalise
 
 ENDING = Ending(exit_code=1, stacks="Fatal Python error: Segmentation fault\n")
 RAISED = {"type": "ValueError", "message": "wrong", "traceback": "Traceback ...\nValueError: wrong", "blame": "library"}
@@ -111,7 +111,7 @@ def _read_reply(words: list[str]) -> int:
     reply = wire.read_reply(whole.splitlines(keepends=True), files)
     for check in (one for one in reply.checks if one.check in CHECK_NAMES):
         record = check_record(check, ENDING, {})
-        decisive_line.normalise(record.decisive or "", {"/python": "$ENV"})
+        normalise(record.decisive or "", {"/python": "$ENV"})
         msgspec.json.decode(msgspec.json.encode(record))
     list(side_findings(reply, ENDING, wire.followers_of(wire.FOLLOWERS)))
     text = whole.decode("utf-8", "replace")

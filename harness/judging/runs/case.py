@@ -45,18 +45,15 @@ def phases(case_plan: CasePlan, folded: Folded, new: frozenset[str] = frozenset(
 def case_record(case: Case, records: Mapping[Phase, PhaseRecord], runs: tuple[str, ...] = ()) -> CaseRecord:
     """Return the record of a case. Phases without a record are not reached, or skipped if not asked for."""
     wanted = wanted_of(case.checks, CASE_PHASES[-1])
+    absent = {phase: Outcome.NOT_REACHED if phase in wanted else Outcome.SKIPPED for phase in CASE_PHASES}
     return CaseRecord(
         case=case.id,
         env=case.env,
         api=case.api,
         required=case.required,
-        phases=tuple(records.get(phase) or _absent(phase, requested=phase in wanted) for phase in CASE_PHASES),
+        phases=tuple(records.get(phase) or PhaseRecord(phase=phase, outcome=absent[phase]) for phase in CASE_PHASES),
         runs=runs,
     )
-
-
-def _absent(phase: Phase, *, requested: bool) -> PhaseRecord:
-    return PhaseRecord(phase=phase, outcome=Outcome.NOT_REACHED if requested else Outcome.SKIPPED)
 
 
 def judged_again(case: Case, readings: Iterable[Reading]) -> CaseRecord:
@@ -83,7 +80,9 @@ def _phase(phase: Phase, names: tuple[str, ...], folded: Folded, new: frozenset[
         outcome=outcome,
         seconds=round(sum(record.seconds for record in records), 3),
         decisive=line.decisive if line in counting else None,
-        checks=tuple(map(_drop_bulky_facts, records)),
+        checks=tuple(
+            replace(one, facts={name: one.facts[name] for name in one.facts if name not in BULKY}) for one in records
+        ),
         findings=tuple({(one.check, one.text): one for one in _findings(phase, names, folded)}.values()),
         frames=tuple(picture for one in ended for picture in one.frames),
         evidence=deciding.folder,
@@ -117,13 +116,6 @@ def _compare(loop: CheckRecord, repeat: CheckRecord) -> Iterable[Finding]:
     else:
         return
     yield Finding(check=ACROSS, level=Level.WARNING, text=text)
-
-
-def _drop_bulky_facts(record: CheckRecord) -> CheckRecord:
-    """Return the record without the facts that only its evidence needs."""
-    if not BULKY & record.facts.keys():
-        return record
-    return replace(record, facts={name: fact for name, fact in record.facts.items() if name not in BULKY})
 
 
 def _first_difference(first: object, second: object) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 
-from harness.judging.runs import decisive_line
+from harness.judging.runs.decisive_line import decisive_of_check, observed_of_check
 from harness.model import FAILING, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
 from harness.model.machine_trouble import FULL, MACHINE_TROUBLE, ROOMY_MB, SHOT
 from harness.model.vocabulary import MISLEADING
@@ -15,6 +15,7 @@ from harness.probes import wire
 from harness.probes.evidence import STACKS, STARTUP_SECONDS, Reading
 from harness.probes.facts import plain
 from harness.standalone.adapters import adapters
+from harness.standalone.failures.lines import SILENT, decisive_line, describe_death, innermost_frame
 
 MOST_STACKS = 200_000
 """Characters of faulthandler's stacks that are looked at."""
@@ -124,7 +125,7 @@ def check_record(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str
         decisive=decisive,
         masked_by=mask,
         facts={**plain(reply.facts), **drawing},
-        observed=decisive_line.observed_of_check(reply),
+        observed=observed_of_check(reply),
     )
 
 
@@ -155,10 +156,10 @@ def _last_gasp(ending: Ending, *, complete: bool) -> str | None:
     if ending.overran is not None:
         return f"Python did not end within {ending.overran:g} s of the last check"
     if ending.signal or ending.exit_code:
-        return f"after the last check: {decisive_line.describe_death(ending.exit_code, ending.signal, ending.stacks)}"
+        return f"after the last check: {describe_death(ending.exit_code, ending.signal, ending.stacks)}"
     ignored = IGNORED.search(ending.afterwards)
     if ignored:
-        return f"at the end of Python, the environment left open: {decisive_line.decisive_line(ignored[0])}"
+        return f"at the end of Python, the environment left open: {decisive_line(ignored[0])}"
     return None if complete else "Python ended before its exit handlers had run"
 
 
@@ -181,7 +182,7 @@ def _outcome(reply: CheckReply, ending: Ending, undrawable: Mapping[str, str]) -
 
 
 def _judge_failure(reply: CheckReply, undrawable: Mapping[str, str]) -> Ruling:
-    decisive, mask = decisive_line.decisive_of_check(reply)
+    decisive, mask = decisive_of_check(reply)
     line = decisive or ""
     if reply.raised and reply.raised.blame == "harness":
         return Outcome.INFRA, f"a fault of the harness, not of the packages: {line}", mask
@@ -210,7 +211,7 @@ def _shortage(reply: CheckReply, decisive: str, ending: Ending) -> str | None:
     if not ending.shares_memory and SHARED_MEMORY.search(text):
         return f"this machine has no /dev/shm that can be written to: {decisive}"
     # Where the process says how it died, a shortage that it printed before is no reason: a SIGSEGV stays one.
-    silent = decisive.endswith(decisive_line.SILENT)
+    silent = decisive.endswith(SILENT)
     trouble = MACHINE_TROUBLE.search(ending.stacks if silent else decisive)
     if not trouble or (trouble[0] in FULL and _is_false_claim(reply, ending)):
         return None
@@ -267,12 +268,12 @@ def _draws(reply: CheckReply, ending: Ending) -> bool:
 
 def _judge_death(reply: CheckReply, ending: Ending) -> Ruling:
     """Return the outcome of a check that started and never ended: its process died, or was ended."""
-    child, mask = decisive_line.decisive_of_check(reply)
+    child, mask = decisive_of_check(reply)
     # Trouble stands first: a run that was interrupted may be past its limit as well.
     if ending.trouble:
         return Outcome.INFRA, ending.trouble, None
     if ending.overran is not None:
-        where = decisive_line.innermost_frame(ending.stacks)
+        where = innermost_frame(ending.stacks)
         line = child or f"no end within {ending.overran:g} s" + (f", in {where}" if where else "")
         return Outcome.TIMED_OUT, line, mask
-    return Outcome.CRASHED, child or decisive_line.describe_death(ending.exit_code, ending.signal, ending.stacks), mask
+    return Outcome.CRASHED, child or describe_death(ending.exit_code, ending.signal, ending.stacks), mask

@@ -9,31 +9,13 @@ from harness.model import CheckReply, Observed, Raised, WorkerRecord
 from harness.standalone.failures.lines import (
     CAUSE,
     CONTEXT,
-    LIMIT,
     MASKS,
-    SILENT,
-    decisive_line,
     describe_death,
     innermost_frame,
-    normalise,
     original,
     shorten_line,
     strip_ansi,
 )
-
-__all__ = [
-    "LIMIT",
-    "SILENT",
-    "decisive_line",
-    "decisive_of_check",
-    "describe_death",
-    "exception_line",
-    "innermost_frame",
-    "normalise",
-    "observed_of_check",
-    "shorten_line",
-    "strip_ansi",
-]
 
 
 def decisive_of_check(reply: CheckReply) -> tuple[str | None, str | None]:

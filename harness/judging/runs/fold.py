@@ -12,7 +12,7 @@ from functools import cache
 from itertools import islice
 from types import MappingProxyType
 
-from harness.judging.runs import decisive_line, native_errors
+from harness.judging.runs import native_errors
 from harness.judging.runs.check import TAKEN_AWAY, check_record, ending_of, phase_of, side_findings, was_killed
 from harness.model import (
     CASE_PHASES,
@@ -29,6 +29,7 @@ from harness.model.machine_trouble import CUT_SHORT, SHOT
 from harness.model.vocabulary import MISLEADING
 from harness.probes import wire
 from harness.probes.evidence import Reading, Request
+from harness.standalone.failures.lines import normalise
 
 DEFAULT_SECONDS = 120.0
 RUNS_TO_CONFIRM = 3
@@ -143,7 +144,9 @@ def add_run(case_plan: CasePlan, folded: Folded, reading: Reading) -> Folded:
     if not current or (case_plan.verify and len(request.limits) > 1):
         return folded
     folded = replace(folded, again=None, runs=(*folded.runs, reading.name))
-    replies = [reply for reply in reading.reply.checks if reply.check in request.limits or _compared(reply)]
+    # A misleading check follows another one; with an outcome it compared the case with its specification.
+    comparing = {reply.check for reply in reading.reply.checks if reply.check in MISLEADING and reply.outcome}
+    replies = [reply for reply in reading.reply.checks if reply.check in request.limits.keys() | comparing]
     if not replies and reading.run.end.shot and not request.limits.keys() & folded.shot:
         return replace(folded, shot=folded.shot | request.limits.keys())
     ended = judge.ended(replies)
@@ -214,7 +217,7 @@ class _RunJudge:
 
     def _ended(self, record: CheckRecord, frames: tuple[str, ...] = ()) -> Ended:
         run = self.reading.run
-        decisive = record.decisive and decisive_line.normalise(record.decisive, {})
+        decisive = record.decisive and normalise(record.decisive, {})
         return Ended(
             record=replace(record, decisive=decisive),
             reading=self.reading.name,
@@ -260,7 +263,7 @@ class _RunJudge:
         of_run += [Finding(check=f"{phase}.native", level=Level.WARNING, text=line) for line in lines]
         pairs = [*zip(reply.during, reply.findings, strict=True)]
         pairs += [(one.check if one.check in followers else None, one) for one in of_run]
-        return tuple((during, replace(one, text=decisive_line.normalise(one.text, {}))) for during, one in pairs)
+        return tuple((during, replace(one, text=normalise(one.text, {}))) for during, one in pairs)
 
 
 def environment_findings(written: tuple[str, ...], stray: int, phase: Phase) -> tuple[Finding, ...]:
@@ -278,11 +281,6 @@ def environment_findings(written: tuple[str, ...], stray: int, phase: Phase) -> 
 def passed(ended: Ended | None) -> bool:
     """Return whether a check is known to have passed."""
     return ended is not None and ended.record.outcome is Outcome.PASSED
-
-
-def _compared(reply: CheckReply) -> bool:
-    """Return whether a check that follows another one compared the case with its specification."""
-    return reply.check in MISLEADING and reply.outcome is not None
 
 
 @cache

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from xml.etree import ElementTree
 
-from harness.judging.runs import decisive_line
 from harness.judging.runs.check import Ending
 from harness.model import Outcome
 from harness.model.machine_trouble import MACHINE_TROUBLE, SHOT
+from harness.standalone.failures.lines import SILENT, decisive_line, describe_death
 
 PASSED, FAILED, INTERRUPTED, INTERNAL, USAGE, NO_TESTS = range(6)
 """Exit codes of pytest; a test file that cannot be imported interrupts it."""
@@ -67,7 +67,7 @@ def outcome_of(report: Report, ending: Ending, text: str) -> tuple[Outcome, str 
     if ending.signal == signal.SIGKILL:
         return Outcome.INFRA, SHOT
     if ending.signal:
-        return Outcome.CRASHED, decisive_line.describe_death(ending.exit_code, ending.signal, text)
+        return Outcome.CRASHED, describe_death(ending.exit_code, ending.signal, text)
     outcome, decisive = _by_code(ending.exit_code or 0, report, text)
     if outcome is Outcome.FAILED and MACHINE_TROUBLE.search(decisive or ""):
         return Outcome.INFRA, decisive
@@ -99,7 +99,7 @@ def _last(text: str) -> str:
     """Return the last line that reports an error, else the last line."""
     lines = [line.strip() for line in text.splitlines() if line.strip(" =-_")]
     errors = [line for line in lines if line.startswith(("ERROR", "E  ", "INTERNALERROR>", "FAIL"))]
-    last_line = (errors or lines or [decisive_line.SILENT])[-1]
+    last_line = (errors or lines or [SILENT])[-1]
     return last_line.removeprefix("E  ").removeprefix("INTERNALERROR>").removeprefix("ERROR:").strip()
 
 
@@ -110,4 +110,4 @@ def _message(element: ElementTree.Element) -> str:
         return message.splitlines()[0]
     text = element.text or ""
     marked = [line[1:].strip() for line in text.splitlines() if line.startswith("E ")]  # pytest's mark of an exception
-    return decisive_line.decisive_line("\n".join(marked) or text) or message or decisive_line.SILENT
+    return decisive_line("\n".join(marked) or text) or message or SILENT

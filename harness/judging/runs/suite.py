@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from harness.judging.runs import decisive_line
 from harness.judging.runs.check import TAKEN_AWAY, Ending
 from harness.judging.runs.fold import MEASURED_AGAIN, RUNS_TO_CONFIRM, environment_findings
 from harness.judging.runs.pytest_report import Report, outcome_of
 from harness.model import FAILING, CheckRecord, Finding, Level, Outcome, Phase, PhaseRecord, Suite
 from harness.probes.evidence import JUNIT, LOG, MODULES, Reading, Request
+from harness.standalone.failures.lines import normalise, shorten_line
 
 CHECK = "suite.pytest"
 SOURCE = "$SUBJECT"
@@ -129,7 +129,7 @@ def _judge_run(reading: Reading) -> Ended:
     return Ended(
         reading=reading,
         outcome=outcome,
-        decisive=decisive_line.shorten_line(decisive_line.normalise(decisive, {})) if decisive else None,
+        decisive=shorten_line(normalise(decisive, {})) if decisive else None,
         report=report,
         findings=findings,
     )

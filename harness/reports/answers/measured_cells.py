@@ -19,7 +19,6 @@ from harness.model import Outcome, Phase, Verdict
 from harness.model.measured import Measured, MeasuredCell
 from harness.model.report_types import CaseEntry
 from harness.model.vocabulary import parsed_requirement, required_name
-from harness.standalone.failures.silent import PREFIX, plainly_good
 from harness.standalone.keys import MODULES, SIMULATORS
 
 WAYS = "MUJOCO_GL"
@@ -112,7 +111,7 @@ class CellResult:
     def works(self) -> bool:
         """Return whether everything that was tried works, with no silent issue left open."""
         # A combination is recommended with its lock, so a result without one is not enough.
-        return plainly_good(self.cell.verdict, self.cell.unverified) and bool(self.pins)
+        return self.cell.good and bool(self.pins)
 
     @cached_property
     def named(self) -> frozenset[str]:
@@ -199,7 +198,7 @@ def works(result: CellResult, query: Query) -> bool:
     if query.env is None or result.works or result.cell.verdict is not Verdict.PARTIAL:
         return result.works
     cases = [case for case in result.cell.cases if _is(case, query.env)]
-    return all(case_works(case) for case in cases) and not any(map(is_silent, result.cell.unverified))
+    return all(case_works(case) for case in cases) and not result.cell.doubts
 
 
 def some_work(result: CellResult) -> bool:
@@ -210,9 +209,8 @@ def some_work(result: CellResult) -> bool:
 def case_works(case: CaseEntry) -> bool:
     """Return whether one environment of a cell was run, and everything tried with it passed."""
     fine = {Outcome.PASSED, Outcome.SKIPPED, Outcome.UNAVAILABLE}
-    silent = any(map(is_silent, case.unverified))
     single = case.phases.get(Phase.SINGLE) is Outcome.PASSED
-    return single and {*case.phases.values()} <= fine and not case.misleads and not silent
+    return single and {*case.phases.values()} <= fine and not case.misleads and not case.unverified
 
 
 def _is(case: CaseEntry, env: str) -> bool:
@@ -224,11 +222,6 @@ def passed(result: CellResult, query: Query) -> bool:
     """Return whether all needed phases passed, in the environment asked for if there is one."""
     cases = [case.phases for case in result.cell.cases if query.env and _is(case, query.env)]
     return all(phases.get(phase) is Outcome.PASSED for phases in cases or [result.cell.phases] for phase in query.needs)
-
-
-def is_silent(name: str) -> bool:
-    """Return whether an unverified item is a silent known issue."""
-    return name.startswith(PREFIX)
 
 
 def _version(text: Any) -> str | None:

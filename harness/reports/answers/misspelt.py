@@ -94,15 +94,10 @@ def _describe_faults(name: str, requirements: Iterable[Requirement], listed: Lis
 
 def nearest(name: str) -> str | None:
     """Return the most similarly spelt name of a measured or well-known package, or None."""
-
-    return next(iter(get_close_matches(name, sorted({*MODULES, *measured_names()}), n=1, cutoff=0.75)), None)
-
-
-def measured_names() -> set[str]:
-    """Return the names of all packages in locks that were measured."""
     measured = result_index.load()
     axes = {name for cell in measured.cells for name in cell.axes if name != "python"}
-    return axes | {name for lock in measured.locks.values() for name, _ in lock}
+    locked = {name for lock in measured.locks.values() for name, _ in lock}
+    return next(iter(get_close_matches(name, sorted({*MODULES, *axes, *locked}), n=1, cutoff=0.75)), None)
 
 
 def _parsed(text: str) -> Requirement | None:

@@ -14,7 +14,6 @@ from harness.reports.answers.measured_cells import (
     Query,
     case_works,
     find_fitting,
-    is_silent,
     passed,
     ran,
     some_work,
@@ -101,7 +100,7 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
 def _doubtful(cells: Sequence[CellResult], query: Query, combinations: Sequence[Combination]) -> list[Combination]:
     """Return combinations that work with a silent known issue left open, unless a plainly good one is newer."""
     fits = [one for one in find_fitting(cells, query) if ran(one, query) and one.cell.verdict is Verdict.WORKS]
-    open_ = [one for one in fits if passed(one, query) and any(map(is_silent, one.cell.unverified))]
+    open_ = [one for one in fits if passed(one, query) and one.cell.doubts]
     candidates = recommending.merge_results(open_, query)
     best = max((recommending.newness(one.versions.values()) for one in combinations), default=())
     return [one for one in candidates if recommending.newness(one.versions.values()) >= best]

@@ -62,7 +62,8 @@ def _answer(answer: Recommended, machines: Mapping[str, Any], *, whole: bool) ->
             minor = ".".join(combination.python.split(".")[:2])
             versions = _versions(combination.versions)
             yield f"  {versions} works on Python {minor}; on {answer.python} it was never measured:"
-            yield f"    {_try([f'{name}=={version}' for name, version in combination.versions.items()], answer.python)}"
+            pins = [f"{name}=={version}" for name, version in combination.versions.items()]
+            yield f"    {try_command(pins, answer.python)}"
         yield from _others(others, answer.found, machines, whole=whole)
         if answer.doubtful:
             yield ""
@@ -216,7 +217,8 @@ def _machine(name: str, machines: Mapping[str, Any]) -> str:
     return ", ".join(str(fact) for fact in (facts.get("os"), facts.get("architecture"), gl, gpu) if fact) or name
 
 
-def _try(requirements: Iterable[str], python: str | None, env: str | None = None) -> str:
+def try_command(requirements: Iterable[str], python: str | None, env: str | None = None) -> str:
+    """Return the command that measures these requirements."""
     words = ["simmatrix", "try", *requirements]
     words += ["--python", python] if python else []
     return shlex.join([*words, *(["--env", env] if env else [])])
@@ -230,6 +232,6 @@ def _next(answer: Recommended) -> Iterator[str]:
         words += ["--env", answer.env] if answer.env else []
         yield f"  {shlex.join([*words, '--lock-out', 'requirements.txt'])}"
     elif answer.apart:
-        yield f"  {_try(answer.apart.requirements, answer.apart.python, answer.env)}"
+        yield f"  {try_command(answer.apart.requirements, answer.apart.python, answer.env)}"
     else:
         yield f"  {answer.next}"

@@ -15,7 +15,7 @@ from harness.model.report_types import word
 from harness.model.vocabulary import FAMILY, SELF, required_name
 from harness.reports.tables import tables
 from harness.standalone.failures.remedies import in_words
-from harness.standalone.failures.silent import PREFIX
+from harness.standalone.failures.silent import silent_ids
 
 MOST_NAMES = 8
 MOST_IDS = 3
@@ -137,8 +137,7 @@ def _describe_phases(judged: Assessed) -> str:
     open_ends = [Phase(name) for name in judged.unverified if name in {*Phase}]
     unverified = (f"{phase} not verified: {reasons.get(phase, 'it was not reached')}" for phase in open_ends)
     notes = [*_registered_by(record), *_undrawn(record), *_skipped(record)]
-    silent = (name.removeprefix(PREFIX) for name in judged.unverified if name.startswith(PREFIX))
-    doubts = (f"a known issue without an error is not excluded: {name}" for name in silent)
+    doubts = (f"a known issue without an error is not excluded: {name}" for name in silent_ids(judged.unverified))
     return "; ".join([tried, *notes, *settings, *mended, *unverified, *doubts])
 
 

@@ -113,7 +113,7 @@ def _neighbours(group: Iterable[CellEntry], cells: Sequence[CellEntry]) -> tuple
         beside = (one for one in cells if wanted and one.base is None and one.machine == cell.machine)
         for other in beside:
             installed = other.installed or {}
-            if not verdict_reasons.good(other) or not all(_has(installed, one) for one in wanted):
+            if not other.good or not all(_has(installed, one) for one in wanted):
                 continue
             names = {canonicalize_name(one.name) for one in wanted}
             differing = {axis for axis in cell.axes if cell.axes[axis] != other.axes.get(axis)}

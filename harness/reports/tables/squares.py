@@ -7,7 +7,7 @@ from itertools import combinations
 
 from harness.model import CASE_PHASES, FAILING, Outcome, Phase, Role, Verdict
 from harness.model.report_types import SEVERITY, UNTOLD, CaseEntry, CellEntry
-from harness.reports.tables import cause_groups, change_effects, verdict_reasons
+from harness.reports.tables import cause_groups, change_effects
 from harness.reports.tables.table_types import Pivot, Square
 
 NOTHING = "-"
@@ -135,7 +135,7 @@ def _entry(cells: Sequence[CellEntry], machine: str, where: tuple[str, ...], bes
         varies=works
         and any(one.verdict not in {*UNTOLD, Verdict.WORKS} for cell in cells for one in beside.sides(cell)),
         uneven=len({frozenset(case.case for case in cell.cases if tried(case)) for cell in cells}) > 1,
-        doubted=works and any(map(verdict_reasons.doubted, cells)),
+        doubted=works and any(cell.doubts for cell in cells),
     )
 
 

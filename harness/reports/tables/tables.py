@@ -73,7 +73,7 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
     ids = {role: dict.fromkeys(cell.id for cell in cells if cell.role is role) for role in Role}
     bad = {cell.id for cell in main if cell.verdict not in {*UNTOLD, Verdict.WORKS}}
     works = {cell.id for cell in main if cell.verdict is Verdict.WORKS} - bad
-    doubted = {cell.id for cell in main if verdict_reasons.doubted(cell)} & works
+    doubted = {cell.id for cell in main if cell.doubts} & works
     return Sheet(
         matrix=name,
         title=(matrix.title or TITLE).replace("{cells}", str(len(ids[Role.MAIN]))),

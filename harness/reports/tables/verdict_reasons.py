@@ -13,7 +13,6 @@ from harness.model.report_types import CellEntry, word
 from harness.reports.tables import change_effects
 from harness.reports.tables.table_types import Attempt, Cause, Effect, Explanation
 from harness.standalone.failures.remedies import in_words
-from harness.standalone.failures.silent import PREFIX, plainly_good
 
 NOTHING = "-"
 
@@ -134,16 +133,6 @@ def expectation(cell: CellEntry) -> str:
 def plain(cell: CellEntry) -> bool:
     """Return whether a cell needs no explanation: it is green or was not run, and nobody expected otherwise."""
     return cell.verdict in {Verdict.WORKS, Verdict.NOT_RUN} and cell.as_expected is not False
-
-
-def good(cell: CellEntry) -> bool:
-    """Return whether a cell works, with no silent known issue left open."""
-    return plainly_good(cell.verdict, cell.unverified)
-
-
-def doubted(cell: CellEntry) -> bool:
-    """Return whether a silent known issue fits a cell and was neither shown nor refuted."""
-    return any(name.startswith(PREFIX) for name in cell.unverified)
 
 
 def failed_in(cell: CellEntry) -> str:

@@ -22,7 +22,7 @@ from harness.rootcause.repair.lab import Lab
 from harness.rootcause.repair.narrowing import Suspect
 from harness.running.signatures import shipped_signatures
 from harness.standalone.failures.matching import Diagnosis
-from harness.standalone.failures.silent import PREFIX, plainly_good
+from harness.standalone.failures.silent import silent_ids
 
 TOOLS = ("setuptools", "wheel", "cython", "numpy", "packaging", "setuptools-scm", "pybind11", "cmake",
          "scikit-build", "scikit-build-core", "meson-python", "poetry-core", "hatchling", "flit-core")  # fmt: skip
@@ -99,7 +99,7 @@ def named_bounds(place: Place) -> Iterator[Move]:
 def signature_remedies(place: Place) -> Iterator[Move]:
     """Yield remedies of the known failures that keep what the user asked for."""
     # A working cell may leave silent issues open.
-    silent = {name.removeprefix(PREFIX) for name in place.trial.assessed.unverified if name.startswith(PREFIX)}
+    silent = silent_ids(place.trial.assessed.unverified)
     diagnoses = place.trial.assessed.diagnoses or tuple(
         Diagnosis(signature=one, phase=None, seen="", is_reason=False)
         for one in shipped_signatures.load_all()
@@ -204,7 +204,7 @@ def lock(place: Place) -> Iterator[Move]:
     results = result_index.load()
     changes_by_lock: dict[str, Change] = {}
     for cell in results.cells:
-        if cell.lock is None or not plainly_good(cell.verdict, cell.unverified):
+        if cell.lock is None or not cell.good:
             continue
         if not (cases and cases <= {(case.env, case.api) for case in cell.cases}):
             continue

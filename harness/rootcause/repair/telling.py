@@ -10,13 +10,13 @@ from harness.rootcause.repair import pasting
 from harness.rootcause.repair.candidate_changes import Way
 from harness.rootcause.repair.proofs import RemedyEntry, RepairDocument, RunEntry
 from harness.rootcause.repair.repairing import Status
-from harness.standalone.failures.silent import PREFIX
+from harness.standalone.failures.silent import silent_ids
 
 
 def lines(document: RepairDocument) -> Iterator[str]:
     """Yield the document as lines for a terminal."""
     before = document.runs[0]
-    doubts = [name.removeprefix(PREFIX) for name in before.unverified if name.startswith(PREFIX)]
+    doubts = silent_ids(before.unverified)
     if document.status is Status.GREEN and doubts:
         yield f"{document.cell} works, but a silent known issue is not excluded: {', '.join(doubts)}"
         yield f"next: simmatrix known {doubts[0]}"

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import harness
-from harness.judging.runs import decisive_line
 from harness.machine import process
 from harness.machine.store import digest, write_atomic
 from harness.model import Cell, Outcome, Phase, Step
 from harness.model.errors import BadInput, CouldNotTell, UnusableRequirement, in_the_way
+from harness.standalone.failures.lines import normalise, shorten_line
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -39,9 +39,9 @@ def fault(shop: Workshop, cell: Cell, phase: Phase, error: Exception) -> Step:
     if isinstance(error, BrokenPipeError) or (isinstance(error, BadInput) and not of_matrix) or process.stopped():
         raise error
     if of_matrix:
-        return Step(phase=phase, outcome=Outcome.FAILED, decisive=decisive_line.shorten_line(str(error)))
+        return Step(phase=phase, outcome=Outcome.FAILED, decisive=shorten_line(str(error)))
     if isinstance(error, CouldNotTell):
-        return Step(phase=phase, outcome=Outcome.INFRA, decisive=decisive_line.shorten_line(str(error)))
+        return Step(phase=phase, outcome=Outcome.INFRA, decisive=shorten_line(str(error)))
     places = {**shop.places, str(Path(harness.__file__).parent): "$HARNESS", sys.base_prefix: "$PYTHON"}
     summary = f"{type(error).__name__}: {error}"[:1000]
     log = _keep_traceback(shop, cell, error, places)
@@ -51,11 +51,11 @@ def fault(shop: Workshop, cell: Cell, phase: Phase, error: Exception) -> Step:
     else:
         reason = f"a fault of simmatrix, not of the packages: {summary}"
         where = f"; please report it with {log}" if log else "; please report it"
-        shop.observer.say(f"{cell.id}: {decisive_line.shorten_line(reason)}{where}")
+        shop.observer.say(f"{cell.id}: {shorten_line(reason)}{where}")
     return Step(
         phase=phase,
         outcome=Outcome.INFRA,
-        decisive=decisive_line.shorten_line(decisive_line.normalise(reason, places)),
+        decisive=shorten_line(normalise(reason, places)),
         log=log,
     )
 
@@ -66,6 +66,6 @@ def _keep_traceback(shop: Workshop, cell: Cell, error: Exception, places: Mappin
     with suppress(Exception):
         text = "".join(traceback.format_exception(error, limit=-FRAMES))
         file = shop.store.evidence(f"fault-{digest(cell.id)[:16]}") / "traceback.txt"
-        write_atomic(file, decisive_line.normalise(text, places).encode(errors="replace"))
+        write_atomic(file, normalise(text, places).encode(errors="replace"))
         return shop.store.relative(file)
     return None

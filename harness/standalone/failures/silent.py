@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fnmatch import fnmatchcase
-from typing import Any, Iterable, Iterator, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 PREFIX = "silent:"
 """Stands before the id of such an issue in `unverified`."""
@@ -27,7 +27,12 @@ class CaseResult(NamedTuple):
 
 def plainly_good(verdict: str, unverified: Iterable[str]) -> bool:
     """Return whether a cell works, and no silent issue is left open in it: the only cells to recommend."""
-    return verdict == "works" and not any(name.startswith(PREFIX) for name in unverified)
+    return verdict == "works" and not silent_ids(unverified)
+
+
+def silent_ids(unverified: Iterable[str]) -> List[str]:
+    """Return the ids of the silent issues among all that a result leaves unverified."""
+    return [name[len(PREFIX) :] for name in unverified if name.startswith(PREFIX)]
 
 
 def open_issues(lurking: Iterable[Any], case: CaseResult) -> Tuple[str, ...]:

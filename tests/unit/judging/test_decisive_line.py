@@ -2,8 +2,9 @@
 
 import pytest
 
-from harness.judging.runs import decisive_line
+from harness.judging.runs.decisive_line import decisive_of_check, exception_line
 from harness.model import CheckReply, Outcome, Raised, WorkerRecord
+from harness.standalone.failures.lines import decisive_line, describe_death, innermost_frame, normalise
 
 PLACES = {"/home/ada/.cache/sim/env/abc": "$ENV", "/home/ada": "$HOME", "/tmp": "$TMP"}
 
@@ -37,14 +38,14 @@ MACHINE_SPECIFIC = {
 @pytest.mark.parametrize(("text", "expected"), MACHINE_SPECIFIC.values(), ids=MACHINE_SPECIFIC.keys())
 def test_normalise(text: str, expected: str) -> None:
     """Text that differs between machines and runs is replaced; all else is kept."""
-    assert decisive_line.normalise(text, PLACES) == expected
+    assert normalise(text, PLACES) == expected
 
 
 def test_normalise_twice() -> None:
     """Text that was normalised stays as it is."""
-    once = decisive_line.normalise("\n".join(text for text, _ in MACHINE_SPECIFIC.values()), PLACES)
+    once = normalise("\n".join(text for text, _ in MACHINE_SPECIFIC.values()), PLACES)
 
-    assert decisive_line.normalise(once, PLACES) == once
+    assert normalise(once, PLACES) == once
 
 
 LINES = {
@@ -297,12 +298,12 @@ hint: another
 @pytest.mark.parametrize(("text", "line"), LINES.values(), ids=LINES.keys())
 def test_decisive_line(text: str, line: str | None) -> None:
     """Of a log, the line that a person would quote."""
-    assert decisive_line.decisive_line(text) == line
+    assert decisive_line(text) == line
 
 
 def test_decisive_line_is_bounded() -> None:
     """A long message is cut at its end, and says so."""
-    line = decisive_line.decisive_line("error: " + "x" * 1000) or ""
+    line = decisive_line("error: " + "x" * 1000) or ""
 
     assert (len(line), line[-2:]) == (300, "x…")
 
@@ -384,7 +385,7 @@ CHECKED = {
 @pytest.mark.parametrize(("told", "expected"), CHECKED.values(), ids=CHECKED.keys())
 def test_decisive_of_check(told: CheckReply, expected: tuple[str | None, str | None]) -> None:
     """The first failure of a worker takes precedence over its parent's view of it."""
-    assert decisive_line.decisive_of_check(told) == expected
+    assert decisive_of_check(told) == expected
 
 
 def test_original_of_a_raised_chain() -> None:
@@ -395,9 +396,9 @@ def test_original_of_a_raised_chain() -> None:
         'Traceback (most recent call last):\n  File "a.py", line 1, in g\nImportError: no OpenGL\n'
     )
 
-    assert decisive_line.exception_line(
-        Raised(type="ImportError", message="no OpenGL", traceback=chain, blame="library")
-    ) == ("OSError: no libGL")
+    assert exception_line(Raised(type="ImportError", message="no OpenGL", traceback=chain, blame="library")) == (
+        "OSError: no libGL"
+    )
 
 
 @pytest.mark.parametrize(
@@ -417,10 +418,10 @@ def test_original_of_a_raised_chain() -> None:
 )
 def test_death(exit_code: int | None, number: int | None, stacks: str, expected: str) -> None:
     """The end of a process in words: signal or exit code, what it said, and where."""
-    assert decisive_line.describe_death(exit_code, number, stacks) == expected
+    assert describe_death(exit_code, number, stacks) == expected
 
 
 def test_innermost_frame_of_the_main_thread() -> None:
     """Without a thread that crashed the last one is told, which is the main thread."""
-    assert decisive_line.innermost_frame(WAITING + "\n" + HANGING) == "step, fake_env/core.py line 12"
-    assert decisive_line.innermost_frame("no stacks") is None
+    assert innermost_frame(WAITING + "\n" + HANGING) == "step, fake_env/core.py line 12"
+    assert innermost_frame("no stacks") is None

@@ -10,7 +10,6 @@ import readings
 from readings import CASE, DIED, FAILED, GOOD, HERE, PASSED, PYTHON, Check, passed, plan_case, reading
 
 from harness.judging.runs import check as judging_check
-from harness.judging.runs import decisive_line
 from harness.judging.runs.case import phases
 from harness.judging.runs.check import TAKEN_AWAY
 from harness.judging.runs.fold import CasePlan, Folded, add_run, fold
@@ -331,7 +330,9 @@ def test_a_crash_is_judged_anew_without_a_process(monkeypatch: pytest.MonkeyPatc
     dead = reading(WHOLE, [*passed(*ALL[:1]), Check(name="single.loop", outcome=DIED)], end=CRASH)
     assert came_to(plan_case(), dead)[Phase.SINGLE].decisive == "killed by SIGSEGV"
 
-    monkeypatch.setattr(decisive_line, "describe_death", lambda _code, signal, _stacks: f"signal {signal}, read better")
+    monkeypatch.setattr(
+        "harness.judging.runs.check.describe_death", lambda _code, signal, _stacks: f"signal {signal}, read better"
+    )
     assert came_to(plan_case(), dead)[Phase.SINGLE].decisive == "signal 11, read better"
 
 

@@ -15,7 +15,6 @@ from specimens import GENERATED, MACHINES, cell, record
 
 from harness.__main__ import main
 from harness.judging.runs import case as judging
-from harness.judging.runs import decisive_line
 from harness.judging.runs.fold import Folded, add_run
 from harness.judging.runs.todo import todo
 from harness.machine.store import Store
@@ -121,7 +120,9 @@ def test_a_crash_is_judged_anew_by_a_later_reading(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each alteration is said, cell by cell; written, the report bears the instant at which it was judged."""
-    monkeypatch.setattr(decisive_line, "describe_death", lambda _code, signal, _stacks: f"signal {signal}, read better")
+    monkeypatch.setattr(
+        "harness.judging.runs.check.describe_death", lambda _code, signal, _stacks: f"signal {signal}, read better"
+    )
 
     assert main(["report", "--judge-again", str(folder)]) == 1
     said = capsys.readouterr().out.splitlines()
