@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from harness.model import FAILING, CaseRecord, CellRecord, CheckRecord, Phase
+from harness.model.report_types import first_few
 from harness.model.vocabulary import FAMILY, IMPORT_CHECK
 
 MOST_NAMED = 3
@@ -61,8 +62,7 @@ def _message(evidence: CellRecord, case: CaseRecord, fact: Mapping[str, Any]) ->
     package = case.api.replace("_", "-")
     library = f"{package} {installed[package]}" if package in installed else case.api
     searched = [str(name) for name in fact.get("searched", ())]
-    more_names = f" and {len(searched) - MOST_NAMED} more" if len(searched) > MOST_NAMED else ""
-    looked = ", ".join(searched[:MOST_NAMED]) + more_names
+    looked = first_few(searched, MOST_NAMED)
     more = f", nor does what was imported to look for it ({looked})" if searched else ""
     nearest = [str(name) for name in fact.get("nearest", ())]
     hint = f"; did you mean {' or '.join(nearest)}?" if nearest else f"; {OWN}"

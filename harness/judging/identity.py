@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from harness.judging.expectation import Judged
 from harness.judging.known_failures import Explained, counted, has_causes
@@ -28,15 +28,7 @@ class Failure:
         return CHANGING.sub("…", self.line) == CHANGING.sub("…", other.line)
 
 
-class Named(Protocol):
-    """A known failure by its id."""
-
-    @property
-    def name(self) -> str:
-        """Return the id."""
-
-
-class Explainable(Judged, Explained[Named], Protocol):
+class Explainable(Judged, Explained[Any], Protocol):
     """A judged cell with the known failures that fit it: assessed, or as a document has it."""
 
 

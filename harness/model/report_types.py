@@ -5,7 +5,7 @@ The document's keys are a contract: some may be added, none renamed. Paths are r
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import msgspec
@@ -57,6 +57,12 @@ def word(name: str) -> str:
 def format_count(count: int, noun: str) -> str:
     """Return a count with its noun: `1 cell`, `2 cells`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+def first_few(names: Sequence[str], most: int) -> str:
+    """Return the names, `most` of them at most, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 class FindingEntry(msgspec.Struct, frozen=True, kw_only=True):

@@ -20,7 +20,7 @@ from harness.machine.store import Store
 from harness.model import CaseRecord, Cell, CellRecord, Plan
 from harness.model.errors import BadInput, CouldNotTell, HarnessError
 from harness.model.hostile_data import Unreadable
-from harness.model.report_types import CellEntry, Document, format_count
+from harness.model.report_types import CellEntry, Document, first_few, format_count
 from harness.probes.vault import Vault
 from harness.reports import behaviour, document, packs, publishing
 from harness.reports.packs import Index, Packed
@@ -162,12 +162,9 @@ def _write(again: JudgedReport) -> None:
 def _tell_untold(folder: Path) -> None:
     path = folder / NAME
     cells = document.read_file(path).cells if path.is_file() else ()
-    named = ", ".join(cell.id for cell in cells[:MOST_NAMED])
-    more = f" and {len(cells) - MOST_NAMED} more" if len(cells) > MOST_NAMED else ""
-    print(
-        f"{os.path.relpath(folder)}: its evidence does not lie next to it; not judged again: {named}{more}",
-        file=sys.stderr,
-    )
+    named = first_few([cell.id for cell in cells], MOST_NAMED)
+    where = os.path.relpath(folder)
+    print(f"{where}: its evidence does not lie next to it; not judged again: {named}", file=sys.stderr)
 
 
 def _altered(again: JudgedReport) -> Iterator[str]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from harness.model import CASE_PHASES
-from harness.model.report_types import format_count, word
+from harness.model.report_types import first_few, format_count, word
 from harness.model.schema import suggestion
 from harness.reports.answers.never_together import Apart, Half
 from harness.reports.answers.recommended import Partly, Recommended
@@ -92,7 +92,8 @@ def _first(combination: Combination, machines: Mapping[str, Any], *, whole: bool
     """Yield the combination to take, and the evidence for it."""
     yield paste(combination)
     passed = ", ".join(phase for phase in CASE_PHASES if combination.phases.get(phase) == "passed")
-    yield f"  passed {passed} in {_some(combination.environments, whole=whole)}"
+    environments = combination.environments
+    yield f"  passed {passed} in {first_few(environments, len(environments) if whole else SHOWN)}"
     if combination.unverified:
         yield f"  not verified: {', '.join(combination.unverified)}"
     where = "; ".join(_machine(name, machines) for name in combination.machines)
@@ -138,7 +139,7 @@ def _doubtful(combinations: Iterable[Combination]) -> Iterator[str]:
 def _partly(part: Partly) -> Iterator[str]:
     total = len(part.works) + len(part.fails)
     yield f"{paste(part.combination)}  # {len(part.works)} of {total} tasks"
-    yield f"  works: {_some(part.works, whole=True)}"
+    yield f"  works: {', '.join(part.works)}"
     for name, why in part.fails.items():
         how = word(part.verdict) if part.verdict == "misleads" else "fails"
         yield f"  {how}: {name}: {textwrap.shorten(why, LONGEST)}"
@@ -164,7 +165,7 @@ def _unknown(answer: Recommended, names: Iterable[str]) -> Iterator[str]:
     for name in answer.unknown:
         yield f"{name}: nothing was measured with it{suggestion(name, names).partition('; valid')[0]}"
     for name, releases in answer.installed.items():
-        yield f"{name} was installed with other packages, never run: {_some(releases, whole=False)}"
+        yield f"{name} was installed with other packages, never run: {first_few(releases, SHOWN)}"
 
 
 # --- what does not ---------------------------------------------------------------------------------------------
@@ -203,12 +204,6 @@ def _trap(trap: Red) -> Iterator[str]:
 
 def _versions(versions: Mapping[str, str]) -> str:
     return ", ".join(f"{name} {version}" for name, version in versions.items())
-
-
-def _some(names: Sequence[str], *, whole: bool) -> str:
-    if whole or len(names) <= SHOWN:
-        return ", ".join(names)
-    return f"{', '.join(names[:SHOWN])} and {len(names) - SHOWN} more"
 
 
 def _machine(name: str, machines: Mapping[str, Any]) -> str:

@@ -11,7 +11,7 @@ from harness.judging.exercised import ONLY_IMPORT, OWN, exercised, idle, import_
 from harness.matrix import overlay_recipes
 from harness.matrix.signatures import Signature
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
-from harness.model.report_types import word
+from harness.model.report_types import first_few, word
 from harness.model.vocabulary import FAMILY, SELF, required_name
 from harness.reports.tables import tables
 from harness.standalone.failures.remedies import in_words
@@ -70,8 +70,7 @@ def _not_run(judged: Assessed) -> Iterable[str]:
         yield f"next: name one with --env ID, or what it speaks with --api; {OWN}"
         return
     for library, ids in offers.items():
-        more = f" and {len(ids) - MOST_IDS} more" if len(ids) > MOST_IDS else ""
-        yield f"it registers with {library}: {', '.join(ids[:MOST_IDS])}{more}"
+        yield f"it registers with {library}: {first_few(ids, MOST_IDS)}"
     library, ids = next(iter(offers.items()))
     needed = () if library in (record.installed or {}) else (library,)
     yield f"next: {_write_command(record, needed, ids[0], all_of_it=True)}"

@@ -39,11 +39,6 @@ def tasks(cells: Iterable[CellEntry]) -> tuple[int, int]:
     return sum(ends.values()), len(ends)
 
 
-def measured(cell: CellEntry) -> bool:
-    """Return whether there is anything to show of a cell; a cell that never ran leaves its square empty."""
-    return bool(cell.measured)
-
-
 # --- the table -------------------------------------------------------------------------------------------------
 
 
@@ -64,7 +59,8 @@ def default_axes(axes: Sequence[str], cells: Sequence[CellEntry]) -> tuple[str, 
 def pivot(cells: Sequence[CellEntry], axes: tuple[str, str], machines: Sequence[str]) -> Pivot:
     """Sort the main cells of a matrix into squares; `cells` are all cells of the matrix."""
     down, across = axes
-    shown = [cell for cell in cells if cell.role is Role.MAIN and measured(cell)]
+    # A cell that never ran leaves its square empty.
+    shown = [cell for cell in cells if cell.role is Role.MAIN and cell.measured]
     rows, columns = (cause_groups.in_order(cell.axes.get(axis, NOTHING) for cell in shown) for axis in axes)
     met: dict[tuple[str, str], list[CellEntry]] = {}
     for cell in shown:
@@ -91,7 +87,7 @@ class _Beside:
         self.axes = axes
         self.changed: dict[tuple[str | None, str | None], list[CellEntry]] = {}
         self.variants: dict[tuple[tuple[str, str], str, str | None], list[CellEntry]] = {}
-        for cell in filter(measured, cells):
+        for cell in (one for one in cells if one.measured):
             if cell.base:
                 self.changed.setdefault((cell.base, cell.machine), []).append(cell)
             elif cell.role is Role.VARIANT:

@@ -8,7 +8,7 @@ from itertools import groupby
 from typing import Any
 
 from harness.model import Role, Verdict
-from harness.model.report_types import SYMBOLS, UNTOLD, format_count, word
+from harness.model.report_types import SYMBOLS, UNTOLD, first_few, format_count, word
 from harness.reports.tables.table_types import Attempt, Pivot, Remark, Report, Row, Sheet, Square, Task, Trouble
 from harness.reports.template_files import fill
 from harness.reports.text import family_markdown
@@ -301,10 +301,7 @@ def _files(row: Row) -> str:
 
 def _tests(names: Sequence[str]) -> str:
     """Return the names of a few tests and the number of the others; a dash for none."""
-    if not names:
-        return "-"
-    shown = ", ".join(map(code, names[:NAMED]))
-    return shown + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+    return first_few(list(map(code, names)), NAMED) or "-"
 
 
 # --- Markdown --------------------------------------------------------------------------------------------------
