@@ -145,9 +145,9 @@ def _rows(cells: Iterable[CellEntry], columns: Sequence[str], machines: Sequence
     for row in rows:
         alike.setdefault(replace(row, machine="", seconds=0.0), []).append(row)
     merged = []
-    for row, found in alike.items():
-        where = "every machine" if len(found) == len(machines) else ", ".join(one.machine for one in found)
-        merged.append(replace(row, seconds=max(one.seconds for one in found), machine=where))
+    for row, equal_rows in alike.items():
+        where = "every machine" if len(equal_rows) == len(machines) else ", ".join(one.machine for one in equal_rows)
+        merged.append(replace(row, seconds=max(one.seconds for one in equal_rows), machine=where))
     return tuple(merged)
 
 
