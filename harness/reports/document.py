@@ -195,8 +195,6 @@ def entry(assessed: Assessed, making: EntryInputs) -> CellEntry:
     )
 
 
-
-
 def _change(cell: Cell, making: EntryInputs) -> ChangeEntry | None:
     """Return the change of a cell with the known failures that it is the remedy of; None for an unchanged cell."""
     tried, base = cell.tried, making.planned.get(cell.base or "")
