@@ -151,33 +151,37 @@ def entry(assessed: Assessed, making: EntryInputs) -> CellEntry:
     """Return a judged cell as a document entry."""
     record, locate = assessed.record, making.locate
     cell = record.cell
-    change = _change(cell, making) if cell.tried else None
-    alike: tuple[tuple[object, tuple[str, ...]], ...] = (
-        (cell, ("id", "matrix", "base")),
-        (record, ("python", "lock_sha256", "key", "measured", "reused")),
-        (assessed, ("attempts", "verdict", "unverified", "as_expected", "decisive", "phase")),
-    )
+    change = _change(cell, making)
     return CellEntry(
-        **{name: getattr(source, name) for source, names in alike for name in names},
+        id=cell.id,
+        matrix=cell.matrix,
         axes=dict(sorted(cell.axes.items())),
+        python=record.python,
         requested_python=cell.python,
         machine=record.machine or None,
         environment=dict(cell.environment),
         supplied=dict(record.supplied),
         installed=dict(record.installed) if record.installed is not None else None,
         lock=locate(record.lock) if record.lock else None,
+        lock_sha256=record.lock_sha256,
+        key=record.key,
+        measured=record.measured,
+        reused=record.reused,
         inferred=False,
+        attempts=assessed.attempts,
         seconds=round(float(record.seconds), 1),
+        verdict=assessed.verdict,
+        unverified=assessed.unverified,
         expected=cell.expect.verdict if cell.expect else Verdict.WORKS,
+        as_expected=assessed.as_expected,
         repairs=tuple(map(_repair, record.repairs)),
         findings=tuple(
             FindingEntry(check=one.check, level=one.level, text=one.text, cases=cases)
             for one, cases in assessed.findings.items()
         ),
         phases={phase: assessed.phases[phase] for phase in Phase if phase in assessed.phases},
-        cases=tuple(
-            _case(case, issues, locate) for case, issues in zip(assessed.cases, assessed.open_issues, strict=True)
-        ),
+        cases=_cases(assessed, locate),
+        decisive=assessed.decisive,
         diagnoses=tuple(map(diagnosis_entry, assessed.diagnoses)),
         evidence=locate(assessed.evidence) if assessed.evidence else None,
         phase=assessed.phase,
@@ -193,6 +197,11 @@ def entry(assessed: Assessed, making: EntryInputs) -> CellEntry:
         change=change,
         role=role(cell.id, change, making.variants, proving=bool(cell.tried and cell.tried.proving)),
     )
+
+
+def _cases(assessed: Assessed, locate: Locate) -> tuple[CaseEntry, ...]:
+    pairs = zip(assessed.cases, assessed.open_issues, strict=True)
+    return tuple(_case(case, issues, locate) for case, issues in pairs)
 
 
 def _change(cell: Cell, making: EntryInputs) -> ChangeEntry | None:
