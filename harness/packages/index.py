@@ -39,14 +39,18 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-PAUSES = (0.3, 1.5)
-"""Seconds before the second and the third attempt."""
 
-TIMEOUT = (15, 60)
-"""Seconds to connect, and between two pieces of an answer."""
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Patience:
+    """The time that a place has: `pauses` before further attempts, `timeout` to connect and between two pieces."""
 
-SHORT_TIMEOUT = (3, 10)
-"""The same where nothing depends on the answer."""
+    pauses: tuple[float, ...] = (0.3, 1.5)
+    timeout: tuple[float, float] = (15, 60)
+
+
+PATIENT = Patience()
+HASTY = Patience(pauses=(), timeout=(3, 10))
+"""Where nothing depends on the answer."""
 
 PAGE_READS = 2
 """A whole page has so many times the seconds that are allowed between two pieces of it."""
@@ -95,17 +99,16 @@ def releases(
     *,
     cutoff: str | None = None,
     offline: bool = False,
-    patient: bool = True,
+    patience: Patience = PATIENT,
 ) -> tuple[Release, ...]:
     """Return all releases of a package, oldest version first, including pre-releases and yanked ones.
 
     The instant `cutoff` works as in uv: files uploaded later, or at a time that the index does not tell, are left out;
-    files of find-links places stay. With `offline` only folders and `file:` indexes answer. Without `patient` a place
-    that does not answer soon is asked only once.
+    files of find-links places stay. With `offline` only folders and `file:` indexes answer.
     Raises IndexUnreachable, or UnknownPackage when no place has such a package.
     """
     places = combined(matrix)
-    with closing(_Client(places, offline=offline, patient=patient)) as client:
+    with closing(_Client(places, offline=offline, patience=patience)) as client:
         return _grouped(_listed(client, places, name), name, cutoff)
 
 
@@ -145,7 +148,14 @@ def _sha256(file: _File) -> str | None:
     return file.sha256 if file.sha256 or path is None else sha256_of(_there(path))
 
 
-def fetch(artifact: Artifact, folder: Path, matrix: IndexSettings = NOTHING, *, offline: bool = False) -> Path:
+def fetch(
+    artifact: Artifact,
+    folder: Path,
+    matrix: IndexSettings = NOTHING,
+    *,
+    offline: bool = False,
+    patience: Patience = PATIENT,
+) -> Path:
     """Return the path of an artifact's file below `folder`, downloaded or copied there if it is missing.
 
     The file appears only when it is whole and its SHA-256 is right. Raises IndexUnreachable otherwise.
@@ -157,7 +167,7 @@ def fetch(artifact: Artifact, folder: Path, matrix: IndexSettings = NOTHING, *, 
     with tempfile.NamedTemporaryFile(dir=target.parent, delete=False) as file:
         temporary = Path(file.name)
     try:
-        with closing(_Client(combined(matrix), offline=offline)) as client:
+        with closing(_Client(combined(matrix), offline=offline, patience=patience)) as client:
             client.download(artifact.source, temporary)
         _check(temporary, artifact)
         # `tempfile` makes files that only their owner may read; many machines may share a folder of `simmatrix fetch`.
@@ -171,11 +181,10 @@ def fetch(artifact: Artifact, folder: Path, matrix: IndexSettings = NOTHING, *, 
 class _Client:
     """One session with the user's certificates, proxy and logins."""
 
-    def __init__(self, places: UserIndex, *, offline: bool, patient: bool = True) -> None:
+    def __init__(self, places: UserIndex, *, offline: bool, patience: Patience = PATIENT) -> None:
         self._places = places
         self._offline = offline
-        self._pauses = PAUSES if patient else ()
-        self._timeout = TIMEOUT if patient else SHORT_TIMEOUT
+        self._patience = patience
         self._opened: requests.Session | None = None
 
     def project(self, address: str | None, name: str) -> list[_File] | None:
@@ -234,7 +243,7 @@ class _Client:
 
     def _get(self, address: str, headers: dict[str, str]) -> requests.Response:
         """Return one response, a 404 included; any other error status raises."""
-        response = self._session().get(address, headers=headers, timeout=self._timeout, stream=True)
+        response = self._session().get(address, headers=headers, timeout=self._patience.timeout, stream=True)
         if not response.ok and response.status_code != 404:
             response.close()
             response.raise_for_status()
@@ -267,9 +276,9 @@ class _Client:
             raise IndexUnreachable(_offline_message(_shown(address)))
         from requests import RequestException  # noqa: PLC0415  (slow to import)
 
-        for pause in (*self._pauses, None):
+        for pause in (*self._patience.pauses, None):
             try:
-                return in_time(work, PAGE_READS * self._timeout[1], slowest=slowest)
+                return in_time(work, PAGE_READS * self._patience.timeout[1], slowest=slowest)
             except Overdue as error:
                 # No further attempt: this one took all the time that the work may have.
                 message = f"{_shown(address)} could not be had: {error}"

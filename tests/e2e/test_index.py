@@ -1,11 +1,13 @@
 """Releases and files from real small indexes: a loopback server, a folder index, a find-links folder."""
 
+import gzip
 import hashlib
 import json
 import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
@@ -16,7 +18,14 @@ import pytest
 from harness.machine import process
 from harness.model import Artifact, IndexSettings
 from harness.packages import index
-from harness.packages.index import IndexUnreachable, Release, UnknownPackage, fetch, releases
+from harness.packages.index import IndexUnreachable, Patience, Release, UnknownPackage
+from harness.packages.network_bounds import MOST_PAGE
+
+QUICK = Patience(pauses=(0, 0))
+"""Three attempts like everybody's, without the waiting between them."""
+BRIEF = Patience(pauses=(0, 0), timeout=(1, 0.5))
+releases = partial(index.releases, patience=QUICK)
+fetch = partial(index.fetch, patience=QUICK)
 
 JSON_PAGE = {
     "meta": {"api-version": "1.1"},
@@ -110,7 +119,7 @@ class Server:
 
 
 def answer(
-    status: int, body: bytes = b"", kind: str = "text/html", login: str | None = None
+    status: int, body: bytes = b"", kind: str = "text/html", *, login: str | None = None, encoding: str = "identity"
 ) -> Callable[[BaseHTTPRequestHandler], None]:
     """Return a fixed answer, which needs the right login if one is given."""
 
@@ -118,6 +127,7 @@ def answer(
         refused = login is not None and handler.headers["Authorization"] != login
         handler.send_response(401 if refused else status)
         handler.send_header("Content-Type", kind)
+        handler.send_header("Content-Encoding", encoding)
         handler.send_header("Content-Length", "0" if refused else str(len(body)))
         handler.end_headers()
         handler.wfile.write(b"" if refused else body)
@@ -165,7 +175,7 @@ def server() -> Iterator[Server]:
 
 @pytest.fixture(autouse=True)
 def bare_user(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """Use a home without any setting of uv or pip, and no waiting between attempts."""
+    """Use a home without any setting of uv or pip."""
     for variable in os.environ:
         if variable.upper().startswith(("UV_", "PIP_", "SSL_CERT", "REQUESTS_", "CURL_", "HTTP", "ALL_PROXY", "NETRC")):
             monkeypatch.delenv(variable)
@@ -174,7 +184,6 @@ def bare_user(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     monkeypatch.setenv("HOME", str(home))
     monkeypatch.setenv("UV_NO_CONFIG", "1")
     monkeypatch.setenv("PIP_CONFIG_FILE", os.devnull)
-    monkeypatch.setattr(index, "PAUSES", (0, 0))
     return home
 
 
@@ -282,34 +291,30 @@ class TestTrouble:
         assert raised.value.exit_code == 3
         assert len(server.asked) == attempts
 
-    def test_an_answer_that_does_not_end_is_given_up(self, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_an_answer_that_does_not_end_is_given_up(self, server: Server) -> None:
         """A page that arrives too slowly is given up at the time limit, after one request."""
-        monkeypatch.setattr(index, "TIMEOUT", (1, 0.5))
         began = time.monotonic()
 
         with pytest.raises(IndexUnreachable, match="/simple/pole/ could not be had: its answer does not end"):
-            releases("pole", page(server, drip))
+            releases("pole", page(server, drip), patience=BRIEF)
 
         assert (time.monotonic() - began < 4, len(server.asked)) == (True, 1)
 
-    def test_a_file_that_drips_is_given_up(
-        self, server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_a_file_that_drips_is_given_up(self, server: Server, tmp_path: Path) -> None:
         """A file that arrives a few bytes a second is given up too, and nothing of it is kept."""
-        monkeypatch.setattr(index, "TIMEOUT", (1, 0.5))
         server.pages["/pole.whl"] = drip
 
         with pytest.raises(IndexUnreachable, match="its answer does not end"):
-            fetch(wheel(f"{server.url}/pole.whl"), tmp_path)
+            fetch(wheel(f"{server.url}/pole.whl"), tmp_path, patience=BRIEF)
 
         assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
-    def test_a_page_that_is_too_long_is_none(self, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-        """A page that is longer than any real one is not read to its end."""
-        monkeypatch.setattr(index, "MOST_PAGE", 1000)
+    def test_a_page_that_is_too_long_is_none(self, server: Server) -> None:
+        """A page that is longer than any real one, unpacked, is not read to its end."""
+        bomb = answer(200, gzip.compress(bytes(MOST_PAGE + 1), 1), encoding="gzip")
 
         with pytest.raises(IndexUnreachable, match="the answer is no index page"):
-            releases("pole", page(server, answer(200, b" " * 1001)))
+            releases("pole", page(server, bomb))
 
     def test_who_is_ended_waits_for_no_answer(self, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
         """After the command has been ended, no thread waits for an index."""

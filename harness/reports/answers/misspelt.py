@@ -145,7 +145,7 @@ def _ask_index(names: Sequence[str], settings: IndexSettings, *, offline: bool) 
     def answer(name: str) -> tuple[str, Listing | None] | None:
         try:
             # This check only helps before the work: an index that is slow or down must not hold up the run.
-            releases = index.releases(name, settings, offline=offline, patient=False)
+            releases = index.releases(name, settings, offline=offline, patience=index.HASTY)
         except index.UnknownPackage:
             # Unknown names are not remembered: a package may be published later.
             return name, None
