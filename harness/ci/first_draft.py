@@ -8,7 +8,7 @@ from pathlib import Path
 
 from harness.ci import drafts, first_cases, first_values, workflows
 from harness.ci.drafts import Case, Draft, Project, Range
-from harness.ci.drafts.values import narrow
+from harness.ci.drafts.values import exclude, narrow
 from harness.ci.first_cases import FirstCases, Scout
 from harness.machine import interpreters, store
 from harness.model.errors import BadInput, HarnessError
@@ -77,20 +77,8 @@ def without_clashes(draft: Draft, path: Path) -> Draft:
         # The ranges were narrowed for this Python. With some Pythons left out another one would be in the middle.
         main=draft.baseline,
         pythons=tuple(python for python in draft.pythons if python not in gone),
-        ranges=tuple(_without(each, clashes.get(each.package, ())) for each in draft.ranges),
+        ranges=tuple(exclude(each, clashes.get(each.package, ())) for each in draft.ranges),
         notes=(*draft.notes, *([note] if gone else [])),
-    )
-
-
-def _without(wanted: Range, versions: Sequence[str]) -> Range:
-    """Return a range without some versions, with a note on why they are left out."""
-    if not versions:
-        return wanted
-    note = f"Left out, not installable with the newest release of the other axes: {', '.join(versions)}."
-    return replace(
-        wanted,
-        range=",".join([wanted.range, *(f"!={version}" for version in versions)]),
-        note=" ".join(filter(None, [wanted.note, note])),
     )
 
 

@@ -112,6 +112,13 @@ def look_again() -> None:
     _candidates.cache_clear()
 
 
+def forget() -> None:
+    """Forget all that this process knows of Pythons, refused downloads among it, as a new process would."""
+    look_again()
+    _load_cache.cache_clear()
+    _install.cache_clear()
+
+
 def active_version() -> str | None:
     """Return the Python version of the user's environment: `$VIRTUAL_ENV`, `$CONDA_PREFIX` or `./.venv`."""
     for prefix in (os.environ.get("VIRTUAL_ENV"), os.environ.get("CONDA_PREFIX"), ".venv"):

@@ -437,15 +437,15 @@ _remembered: list[str] = []
 
 @functools.cache
 def _best_sandbox() -> str:
-    # The last one is taken untried: it keeps no write out of a sealed folder, so `_holds` would refuse it.
+    # The last one is taken untried: it keeps no write out of a sealed folder, so `can_seal` would refuse it.
     return (
         _remembered[0]
         if _remembered
-        else next(sandbox for sandbox in SANDBOXES if sandbox == SANDBOXES[-1] or _holds(sandbox))
+        else next(sandbox for sandbox in SANDBOXES if sandbox == SANDBOXES[-1] or can_seal(sandbox))
     )
 
 
-def _holds(sandbox: str) -> bool:
+def can_seal(sandbox: str) -> bool:
     """Return whether a write into a sealed folder stays out of it there, and is seen where there is an overlay."""
     with scratch_folder() as scratch:
         home, sealed = scratch / "home", scratch / "sealed"

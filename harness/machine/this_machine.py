@@ -83,7 +83,7 @@ def facts() -> Machine:
         "memory_mb": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") >> 20,
         **parts,
     }
-    labels = (sys.platform, platform.machine(), libc.replace(" ", ""), _gl_label(parts), _gpu_label(parts["gpu"]))
+    labels = (sys.platform, platform.machine(), libc.replace(" ", ""), label(parts))
     return Machine(
         id="-".join(filter(None, labels)),
         facts=properties,
@@ -225,7 +225,7 @@ def _parts() -> dict[str, dict[str, str]]:
     with ThreadPoolExecutor(len(ways) + 1) as pool:
         shown = pool.submit(_ask_display)
         gl_answers = dict(zip(ways, pool.map(_ask, ways), strict=True))
-        answers = {**gl_answers, "display": shown.result(), "gpu": _gpu(Path("/"))}
+        answers = {**gl_answers, "display": shown.result(), "gpu": find_gpus()}
     parts = {name: answer for name, (answer, _) in answers.items()}
     # An answer that a limit or a kill cut short is not kept: the next attempt may give another.
     if all(certain for _, certain in answers.values()):
@@ -311,7 +311,7 @@ def _death(done: Completed) -> str:
     return "did not answer" if done.timed_out else display.describe_end(done)
 
 
-def _gpu(root: Path) -> tuple[dict[str, str], bool]:
+def find_gpus(root: Path = Path("/")) -> tuple[dict[str, str], bool]:
     """Return NVIDIA's GPUs and their driver, and whether that is certain.
 
     Read from the driver's files or, if it has none (WSL), from its tool.
@@ -336,6 +336,11 @@ def _gpu(root: Path) -> tuple[dict[str, str], bool]:
 
 
 # --- the id ----------------------------------------------------------------------------------------------------
+
+
+def label(parts: Mapping[str, Mapping[str, str]]) -> str:
+    """Return the part of an id that drawing and computing depend on: `mesa22.3-nvidia-h200-driver570.86`."""
+    return "-".join(filter(None, (_gl_label(parts), _gpu_label(parts["gpu"]))))
 
 
 def _gl_label(parts: Mapping[str, Mapping[str, str]]) -> str:

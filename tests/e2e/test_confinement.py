@@ -351,12 +351,27 @@ class TestKilled:
 
         assert (*ending(done), done.shot) == (None, signal.SIGKILL, False, False, None, True)
 
-    def test_forged_report(self, tmp_path: Path) -> None:
-        """Only a report in the supervisor's own form is accepted."""
-        for text in (b"", b"garbage", b"\xe9\x01", b"i\x01\0\0\0", b"{0"):
-            assert process._report(text) is None
-        assert process._report(marshal.dumps({"killed": None, "exit_code": "0"})) is None
-        assert process._report(marshal.dumps({"killed": None, "exit_code": 0})) == process.Report(exit_code=0)
+    @pytest.mark.parametrize(
+        ("report", "accepted"),
+        [
+            *((text, False) for text in (b"", b"garbage", b"\xe9\x01", b"i\x01\0\0\0", b"{0")),
+            (marshal.dumps({"killed": None, "exit_code": "0"}), False),
+            (2 * marshal.dumps({"killed": None, "exit_code": 0}), False),
+            (marshal.dumps({"killed": None, "exit_code": 0}), True),
+        ],
+    )
+    def test_forged_report(
+        self, python: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, report: bytes, accepted: bool
+    ) -> None:
+        """Only a report in the supervisor's own form is accepted, and only one."""
+        supervisor = tmp_path / "supervisor.py"
+        supervisor.write_text(f"import sys; sys.stdin.buffer.read(1); sys.stdout.buffer.write({report!r})")
+        monkeypatch.setattr(process, "SUPERVISOR", supervisor)
+
+        done = process.run(python("", profile=process.Profile.HOST))
+
+        without = "supervisor: it ended with 0, without a word"
+        assert (done.exit_code, done.killed) == ((0, None) if accepted else (None, without))
 
 
 def test_dev_shm_is_supplied(tmp_path: Path) -> None:

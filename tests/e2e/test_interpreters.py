@@ -7,17 +7,10 @@ from pathlib import Path
 import pytest
 from packaging.version import Version
 
-from harness.machine import interpreters
-from harness.machine.interpreters import active_version, available, find, hint, obtain
+from harness.machine.interpreters import active_version, available, find, forget, hint, obtain
 from harness.model import Interpreter
 
 BASE = Path(sys.base_prefix, "bin", "python{}.{}".format(*sys.version_info)).resolve()
-
-
-def forget() -> None:
-    """Clear all caches, as if a new process had started."""
-    for cached in (interpreters.available, interpreters._candidates, interpreters._load_cache, interpreters._install):
-        cached.cache_clear()
 
 
 @pytest.fixture(scope="module")
@@ -187,27 +180,44 @@ class TestActiveVersion:
         assert active_version() == "{}.{}.{}".format(*sys.version_info)
 
 
+@pytest.fixture
+def refusing_uv(fresh: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Put a uv in place of ours that downloads nothing; return the file in which it notes its calls."""
+    calls = fresh / "calls.txt"
+    program = script(fresh / "uv", f'echo "$@" >> {calls}', "exit 1")
+    monkeypatch.setattr("uv.find_uv_bin", lambda: str(program))
+    return calls
+
+
+def calls_of(calls: Path) -> list[str]:
+    """Return the command lines that the uv of the test was called with."""
+    return calls.read_text().splitlines() if calls.exists() else []
+
+
 class TestObtain:
     def test_what_is_here_is_not_downloaded(self) -> None:
         """`obtain` downloads nothing if `find` finds an interpreter."""
         assert obtain("host") == find("host")
 
     @pytest.mark.parametrize("forbidden", ["offline", "UV_PYTHON_DOWNLOADS", "UV_OFFLINE"])
-    def test_a_forbidden_download_is_not_tried(self, monkeypatch: pytest.MonkeyPatch, forbidden: str) -> None:
+    def test_a_forbidden_download_is_not_tried(
+        self, monkeypatch: pytest.MonkeyPatch, refusing_uv: Path, forbidden: str
+    ) -> None:
         """A download forbidden by `--offline` or by the user's uv settings is not tried."""
         if forbidden != "offline":
             monkeypatch.setenv(forbidden, "never" if forbidden == "UV_PYTHON_DOWNLOADS" else "1")
 
         assert obtain("3.99", offline=forbidden == "offline") is None
-        assert interpreters._install.cache_info().misses == 0
+        assert calls_of(refusing_uv) == []
 
-    def test_a_failed_download_is_tried_once(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        """A failed download is remembered for the process and not tried again."""
-        monkeypatch.setenv("UV_PYTHON_INSTALL_MIRROR", "http://127.0.0.1:9/")
-        monkeypatch.setenv("UV_HTTP_RETRIES", "0")
-
+    def test_a_failed_download_is_tried_once(self, refusing_uv: Path) -> None:
+        """A failed download is remembered for the process and not tried again, until everything is forgotten."""
         assert (obtain("3.99"), obtain("3.99")) == (None, None)
-        assert interpreters._install.cache_info()[:2] == (1, 1)
+        assert calls_of(refusing_uv) == ["python install --no-bin 3.99"]
+
+        forget()
+        assert obtain("3.99") is None
+        assert len(calls_of(refusing_uv)) == 2
 
 
 @pytest.mark.parametrize(

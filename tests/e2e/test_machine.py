@@ -133,10 +133,11 @@ class TestGpu:
         (tmp_path / "dev").mkdir()
         (tmp_path / "dev/nvidia0").touch()
 
-        gpu, certain = this_machine._gpu(tmp_path)
+        gpu, certain = this_machine.find_gpus(tmp_path)
 
         assert (gpu, certain) == ({"models": "NVIDIA H200, NVIDIA H200", "driver": "570.86.15"}, True)
-        assert this_machine._gpu_label(gpu) == "nvidia-h200-driver570.86"
+        parts = {"egl": {"missing": "no libEGL"}, "osmesa": {"missing": "no libOSMesa.so.8"}, "gpu": gpu}
+        assert this_machine.label(parts) == "nogl-nvidia-h200-driver570.86"
 
     @pytest.mark.parametrize(
         ("script", "expected"),
@@ -154,7 +155,7 @@ class TestGpu:
         tool.chmod(0o755)
         monkeypatch.setenv("PATH", str(tmp_path))
 
-        assert this_machine._gpu(tmp_path) == (expected, True)
+        assert this_machine.find_gpus(tmp_path) == (expected, True)
 
 
 @pytest.mark.parametrize(
@@ -171,9 +172,10 @@ class TestGpu:
 )
 def test_gl_label(version: str, renderer: str, label: str) -> None:
     """The GL label has the driver, its minor version and the rendering hardware."""
-    said = {"vendor": "someone", "renderer": renderer, "version": version}
+    egl = {"vendor": "someone", "renderer": renderer, "version": version}
+    parts = {"egl": egl, "osmesa": {"missing": "no libOSMesa.so.8"}, "gpu": {"missing": "no driver of NVIDIA's"}}
 
-    assert this_machine._gl_label({"egl": said, "osmesa": {"missing": "no libOSMesa.so.8"}}) == label
+    assert this_machine.label(parts) == label
 
 
 class TestSupplied:

@@ -468,7 +468,7 @@ from harness.machine import process
 ends = [sandbox_mode()]
 thread = threading.Thread(target=lambda: ends.append(run(command)))
 thread.start()
-while not process._live: time.sleep(0.01)
+while not process.resident_mb(): time.sleep(0.01)
 stop()
 thread.join()
 print(ends[-1].killed)
@@ -504,7 +504,7 @@ class TestDeaths:
         """If the supervisor is killed, everything below it ends, and the command is not blamed."""
         with process.start(python(DAEMON + "time.sleep(600)", marker)) as running:
             assert eventually(lambda: len(find_processes(marker)) == 2)
-            os.kill(running._supervisor.pid, signal.SIGKILL)
+            os.kill(running.pid, signal.SIGKILL)
             done = running.wait()
 
         assert ending(done) == (None, None, False, False, "supervisor: it ended with -9, without a word")
@@ -514,7 +514,7 @@ class TestDeaths:
         """If the keeper is killed, everything below it ends, and the command is not blamed."""
         with process.start(python(DAEMON + "time.sleep(600)", marker)) as running:
             assert eventually(lambda: len(find_processes(marker)) == 2)
-            guard = running._supervisor.pid
+            guard = running.pid
             os.kill(int(Path(f"/proc/{guard}/task/{guard}/children").read_text()), signal.SIGKILL)
             done = running.wait()
 

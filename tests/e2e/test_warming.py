@@ -1,7 +1,7 @@
 """Packages that compile at their first import are compiled during the install, and missing system packages named."""
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -29,14 +29,11 @@ Ensure = Callable[..., Environment | Step]
 
 
 @pytest.fixture(autouse=True)
-def recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Use a recipe by which the fake compiles at its first import."""
     file = tmp_path / "warming.toml"
     file.write_text(RECIPES)
     monkeypatch.setattr(first_import, "FILE", file)
-    debian_packages._installed.cache_clear()
-    yield
-    debian_packages._installed.cache_clear()
 
 
 @pytest.fixture

@@ -14,12 +14,26 @@ from pathlib import Path
 import msgspec
 import numpy as np
 from fuzzing.mutating import content, mutate, mutate_json
-from fuzzing.targets import ROOT, Target
+from fuzzing.targets import Target
 
 from harness.judging import failure_texts
 from harness.judging.runs.check import Ending, check_record, side_findings
 from harness.machine.store import InstallResult, Store
-from harness.model import CellRecord, Lock, Phase, PhaseRecord
+from harness.model import (
+    Artifact,
+    Case,
+    CaseRecord,
+    Cell,
+    CellRecord,
+    CheckRecord,
+    Lock,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Pin,
+    Question,
+    Step,
+)
 from harness.model.hostile_data import Unreadable
 from harness.packages.environments import environment_damage, site_packages
 from harness.probes import thumbnails, wire
@@ -63,7 +77,32 @@ METADATA = (
     'Requires-Dist: mujoco[a,b]>=3; extra == "x" and python_version < "4"\nProvides-Extra: x\n\nText.\n'
 )
 RECORD = "hx.py,sha256=47DEQpj8HBSa-_TImW-5JCeuQeRkm5NMpJWZG3hSuFU,0\nhx/a.so,,\nhx-1.0.dist-info/RECORD,,\n"
-STORED = {"results": PhaseRecord, "locks": Lock, "installed": InstallResult, "cells": CellRecord}
+CELL = Cell(
+    id="m/a",
+    matrix="m",
+    axes={"python": "3.11"},
+    python="3.11",
+    question=Question(requirements=("numpy<2",)),
+    environment={},
+    cases=(Case(id="ant", env="Ant-v5", api="gymnasium"),),
+)
+LOOP = CheckRecord(check="single.loop", outcome=Outcome.PASSED)
+CASE = CaseRecord(
+    case="ant",
+    env="Ant-v5",
+    api="gymnasium",
+    required=(),
+    phases=(PhaseRecord(phase=Phase.SINGLE, outcome=Outcome.PASSED, checks=(LOOP,)),),
+)
+ARTIFACT = Artifact(filename="numpy-1.26.4-cp311-cp311-linux_x86_64.whl", sha256="0" * 64, source="https://x.test/a")
+PIN = Pin(name="numpy", version="1.26.4", artifact=ARTIFACT, hashes=("0" * 64,))
+STORED: dict[str, object] = {
+    "locks/ab/cd.json": Lock(pins=(PIN,), requirements="numpy==1.26.4\n", sha256="0" * 64, instant=None),
+    "steps/ab/cd.json": Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive="no numpy", log="evidence/a/log"),
+    "installed/ab/cd.json": InstallResult(key="e", versions={"numpy": "1.26.4"}, modules={"numpy": ("numpy",)}),
+    "cells/here/m/a.json": CellRecord(cell=CELL, machine="here", cases=(CASE,), measured="2026-11-21T12:00:00Z"),
+}
+"""A record of each kind that a state folder keeps, by its path there."""
 
 
 def jsonl(records: list[dict[str, object]], pid: int) -> str:
@@ -116,7 +155,7 @@ def _read_reply(words: list[str]) -> int:
     list(side_findings(reply, ENDING, wire.followers_of(wire.FOLLOWERS)))
     text = whole.decode("utf-8", "replace")
     list(failure_texts.extract_texts({"reply.jsonl": text, "log.txt": text}, Phase.SINGLE))
-    list(upstream._tracebacks(text, "vector.async.fork"))
+    upstream.excerpt({"reply.jsonl": text}, "vector.async.fork", None)
     return 2 if reply.problems else 0
 
 
@@ -164,19 +203,19 @@ def _read_metadata(words: list[str]) -> int:
 
 
 def _stored(chance: random.Random) -> list[str]:
-    paths = sorted(ROOT.glob("reports/*/report.json"), key=lambda path: path.stat().st_size)[:2]
-    seeds = ['{"phase": "single", "outcome": "passed", "checks": [{"check": "single.loop", "outcome": "passed"}]}']
-    seeds += [path.read_text(encoding="utf-8")[:4000] for path in paths]
-    Path("state/results/ab").mkdir(parents=True)
-    seed = mutate_json(seeds[:1], chance) if chance.random() < 0.7 else mutate(seeds, chance)
-    Path("state/results/ab/cd.json").write_bytes(content(seed, chance))
+    path = chance.choice(list(STORED))
+    seeds = [msgspec.json.encode(STORED[path]).decode()]
+    seed = mutate_json(seeds, chance) if chance.random() < 0.7 else mutate(seeds, chance)
+    file = Path("state", path)
+    file.parent.mkdir(parents=True)
+    file.write_bytes(content(seed, chance))
     return ["state"]
 
 
 def _read_stored(words: list[str]) -> int:
     store = Store(Path("state").absolute())
-    read = [store._load("results", "abcd", kind) for kind in STORED.values()]
-    return 0 if any(read) else 2
+    records = (*store.cells(), store.load_cell("here", CELL), store.glance("here", CELL))
+    return 0 if any((store.load_lock("abcd"), store.load_installed("abcd"), *records)) else 2
 
 
 CELL_TARGETS = {

@@ -31,4 +31,4 @@ def test_the_specimen_of_a_gpu_is_what_its_driver_says(tmp_path: Path) -> None:
     (tmp_path / "dev/nvidia0").touch()
     (tmp_path / "proc/driver/nvidia/version").write_text("NVRM version: NVIDIA UNIX  570.86.15  Tue\n")
 
-    assert this_machine._gpu(tmp_path) == (GPU, True)
+    assert this_machine.find_gpus(tmp_path) == (GPU, True)

@@ -46,6 +46,18 @@ def narrow(wanted: Range, offers: Sequence[Release], python: str) -> Range:
     return replace(new_range, note=f"Left out, not installable without a build on Python {python}: {', '.join(gone)}.")
 
 
+def exclude(wanted: Range, versions: Sequence[str]) -> Range:
+    """Return a range without some versions, with a note on why they are left out."""
+    if not versions:
+        return wanted
+    note = f"Left out, not installable with the newest release of the other axes: {', '.join(versions)}."
+    return replace(
+        wanted,
+        range=",".join([wanted.range, *(f"!={version}" for version in versions)]),
+        note=" ".join(filter(None, [wanted.note, note])),
+    )
+
+
 def _specifiers(text: str, lower: list[str]) -> list[str]:
     """Return the parts of a specifier, its lower bound replaced where there is another."""
     parts = [part for part in text.split(",") if part and part != ">=0"]

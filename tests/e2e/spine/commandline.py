@@ -95,7 +95,7 @@ class Desk:
         process = subprocess.Popen(
             (*(() if self.online else closed_network()), sys.executable, "-m", module, *map(str, arguments)),
             cwd=self.folder,
-            env=self._environment(variables),
+            env=self.environment(variables),
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -106,7 +106,7 @@ class Desk:
             process.kill()
             process.communicate()
 
-    def _environment(self, variables: Mapping[str, str]) -> dict[str, str]:
+    def environment(self, variables: Mapping[str, str]) -> dict[str, str]:
         """Return the variables of the tests without those that would point the harness elsewhere."""
         foreign = ("UV_", "PIP_", "HARNESS_", "VIRTUAL_ENV", "CONDA_PREFIX")
         base_variables = {name: value for name, value in os.environ.items() if not name.startswith(foreign)}

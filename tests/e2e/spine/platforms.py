@@ -41,7 +41,7 @@ def with_simmatrix(desk: Desk, prefix: tuple[str, ...] = ()) -> dict[str, str]:
     """Return variables in which the command `simmatrix` is the version under test."""
     command = " ".join((*prefix, sys.executable, "-m", "harness"))
     folder = executable(desk.folder / "bin" / "simmatrix", f'#!/bin/sh\nexec {command} "$@"\n').parent
-    return desk._environment({"PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"})
+    return desk.environment({"PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"})
 
 
 # --- GitHub ----------------------------------------------------------------------------------------------------

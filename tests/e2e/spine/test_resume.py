@@ -159,7 +159,7 @@ def test_a_closed_terminal(desk: Desk) -> None:
     if pid == 0:
         os.chdir(desk.folder)
         words = (sys.executable, "-m", "harness", "run", str(matrix), "-j", "1")
-        os.execve(words[0], words, desk._environment({"FAKE_MARK": desk.mark}))
+        os.execve(words[0], words, desk.environment({"FAKE_MARK": desk.mark}))
     wait_for((desk.folder / "gate.reached").exists)
     os.close(terminal)
     code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from builders import cell_requiring, interpreter, lock, step
 
-from harness.ci import first_draft, first_values
-from harness.ci.drafts import Range
+from harness.ci import first_values
+from harness.ci.drafts import Range, values
 from harness.machine.store import Store
 from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
 from harness.model.vocabulary import Rule
@@ -87,10 +87,10 @@ def test_a_range_without_values_that_clash_says_so() -> None:
     """They are left out one by one, beside what was left out before."""
     wanted = Range(package="gymnasium", range=">=0.26", rule=Rule.LATEST_PATCH, note="Left out: 0.27.")
 
-    found = first_draft._without(wanted, ("0.28.1",))
+    found = values.exclude(wanted, ("0.28.1",))
 
     assert found.range == ">=0.26,!=0.28.1"
     assert found.note == (
         "Left out: 0.27. Left out, not installable with the newest release of the other axes: 0.28.1."
     )
-    assert first_draft._without(wanted, ()) is wanted
+    assert values.exclude(wanted, ()) is wanted
