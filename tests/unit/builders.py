@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
+from harness.matrix import matrix_file, plan
+from harness.matrix.matrix_types import Matrix
 from harness.matrix.signatures import Signature
 from harness.model import (
     Artifact,
@@ -29,8 +34,10 @@ from harness.model import (
     Step,
     schema,
 )
-from harness.model.report_types import CellEntry, DiagnosisEntry, Document
+from harness.model.measured import MeasuredCell
+from harness.model.report_types import CaseEntry, CellEntry, DiagnosisEntry, Document
 from harness.reports import document
+from harness.reports.answers import digest
 from harness.standalone.failures import matching
 
 HERE = "linux-x86_64"
@@ -190,17 +197,17 @@ def diagnosis(name: str, **more: Any) -> DiagnosisEntry:
 # --- documents -------------------------------------------------------------------------------------------------
 
 
-def document_of(*records: CellRecord, knowledge: Knowledge = NOTHING_KNOWN, **plan: Any) -> Document:
-    """Return a document of these records; `plan` holds more fields of its plan."""
+def document_of(*records: CellRecord, knowledge: Knowledge = NOTHING_KNOWN, **planned: Any) -> Document:
+    """Return a document of these records; `planned` holds more fields of its plan."""
     cells = tuple({one.cell.id: one.cell for one in records}.values())
-    planned = Plan(matrix="quick", cells=cells, **plan)
+    quick = Plan(matrix="quick", cells=cells, **planned)
     machines = {one.machine: MACHINES[HERE] for one in records}
-    return document.build(records, [planned], machines, GENERATED, knowledge=knowledge)
+    return document.build(records, [quick], machines, GENERATED, knowledge=knowledge)
 
 
-def entry(cell_record: CellRecord, knowledge: Knowledge = NOTHING_KNOWN) -> CellEntry:
+def entry(cell_record: CellRecord, knowledge: Knowledge = NOTHING_KNOWN, **planned: Any) -> CellEntry:
     """Return the entry of a record, in a document that holds only this record."""
-    return document_of(cell_record, knowledge=knowledge).cells[0]
+    return document_of(cell_record, knowledge=knowledge, **planned).cells[0]
 
 
 def plain(judgement: Mapping[Phase, Outcome]) -> dict[str, str]:
@@ -208,25 +215,51 @@ def plain(judgement: Mapping[Phase, Outcome]) -> dict[str, str]:
     return {at.value: outcome.value for at, outcome in judgement.items()}
 
 
-def measured_cell(name: str, verdict: str = "works", python: str = "3.11.7", **more: Any) -> dict[str, Any]:
-    """Return the JSON of a cell of the matrix `m` as measured results hold it; a red one failed in `single`."""
-    phases = {"import": "passed", "single": "passed" if verdict == "works" else "failed"}
-    return {
-        "id": f"m/{name}", "matrix": "m", "python": python, "machine": HERE, "measured": "2026-11-22T00:00:00Z",
-        "verdict": verdict, "unverified": [], "phase": None if verdict == "works" else "single", "phases": phases,
-        "axes": {}, "environment": {}, "supplied": {}, "requirements": [], "decisive": None, "lock": None,
-        "causes": [], "repairs": [], "cases": [measured_case(phases=phases)],
-        "requested_python": python, "installed": None, "lock_sha256": None, "key": None, "reused": False,
-        "inferred": False, "attempts": 1, "seconds": 0, "expected": "works", "as_expected": None, "findings": [],
-        "diagnoses": [], "evidence": None,
-    } | more  # fmt: skip
+@cache
+def _measured(letters: str) -> MeasuredCell:
+    """Return the measured cell of a record whose one case ended as these letters say."""
+    question = Question(requirements=())
+    measured = record(case(letters, "c"), of=cell("c", ("c",), matrix="m", axes={}, question=question))
+    (made,) = digest.from_report(document_of(measured), Path()).cells
+    return made
+
+
+def measured_cell(name: str, verdict: str = "works", python: str = "3.11.7", **more: Any) -> MeasuredCell:
+    """Return a cell of the matrix `m` as measured results hold it, with `more` in place of its values, as in JSON.
+
+    It is made of a record. A red one failed in `single`, without a line. Raises KeyError for an invented key.
+    """
+    own = {"id": f"m/{name}", "python": python, "verdict": verdict, "decisive": None, **more}
+    for key in own.keys() - set(MeasuredCell.__struct_fields__):
+        raise KeyError(key)
+    usual = msgspec.to_builtins(_measured("pppp" if verdict == "works" else "pfnn"))
+    return msgspec.convert(usual | own, MeasuredCell)
 
 
 def measured_case(case: str = "c", env: str = "Ant-v5", **more: Any) -> dict[str, Any]:
-    """Return the JSON of a case of such a cell."""
-    return {
-        "case": case, "env": env, "api": "gymnasium", "phases": {}, "checks": {}, "frames": [], "decisive": None,
-    } | more  # fmt: skip
+    """Return the JSON of a case of such a cell, with `more` in place of its values."""
+    own = {"case": case, "env": env, **more}
+    for key in own.keys() - set(CaseEntry.__struct_fields__):
+        raise KeyError(key)
+    usual: dict[str, Any] = msgspec.to_builtins(_measured("pppp").cases[0])
+    return usual | own
+
+
+# --- matrices --------------------------------------------------------------------------------------------------
+
+CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
+"""A case as a matrix file has it."""
+
+
+def matrix(text: str, path: str = "demo.toml") -> Matrix:
+    """Return the matrix that a file with this text is."""
+    return matrix_file.read(text, path)
+
+
+def make_plan(of: str | Matrix, host: str = "3.12.1", **sources: Any) -> Plan:
+    """Return the plan of a matrix, or of the text of one; `sources` are more of what it is made from."""
+    read = matrix(of) if isinstance(of, str) else of
+    return plan.make_plan(plan.Sources(matrix=read, host_python=host, **sources))
 
 
 # --- interpreters and locks ------------------------------------------------------------------------------------

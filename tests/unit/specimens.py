@@ -1,9 +1,11 @@
 """A whole matrix with a cell of every kind, its records and its report; and how golden files are compared."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from builders import GENERATED, HERE, MACHINES, case, cell, phase, record, step, warning
 
 from harness.model import (
@@ -18,8 +20,9 @@ from harness.model import (
     Plan,
     Repair,
     Verdict,
+    cellid,
 )
-from harness.model.report_types import Document
+from harness.model.report_types import CellEntry, Document
 from harness.reports import document
 
 GPU = {"models": "NVIDIA H200", "driver": "570.86.15"}
@@ -114,6 +117,13 @@ def quick_document() -> Document:
     """Return the report document of `quick`."""
     plan, records = quick()
     return document.build(records, [plan], MACHINES, GENERATED)
+
+
+def moved(number: int, axes: Mapping[str, str], **more: Any) -> CellEntry:
+    """Return an entry of the document of `quick` with other axes, and with `more` in place of its values."""
+    parts = (f"py{value}" if name == "python" else cellid.package(name, value) for name, value in axes.items())
+    values = {"id": str(cellid.CellId.build("quick", parts)), "axes": axes, "requested_python": axes["python"], **more}
+    return msgspec.structs.replace(quick_document().cells[number], **values)
 
 
 def check_golden(name: str, text: str, folder: Path) -> None:

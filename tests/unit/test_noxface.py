@@ -5,9 +5,9 @@ from __future__ import annotations
 from fnmatch import fnmatchcase
 
 import pytest
+from builders import make_plan, matrix
 
 from harness import noxface
-from harness.matrix import matrix_file, plan
 from harness.model import Plan
 
 MANY = [f"m{number}" for number in range(60)]
@@ -16,7 +16,7 @@ MANY = [f"m{number}" for number in range(60)]
 def planned(axes: str) -> Plan:
     """Return a plan of cells that install nothing in particular."""
     text = f'cases = [{{ imports = ["x"] }}]\n[axes]\n{axes}'
-    return plan.make_plan(plan.Sources(matrix=matrix_file.read(text, "wide.toml"), host_python="3.11.7"))
+    return make_plan(matrix(text, "wide.toml"), "3.11.7")
 
 
 def offered(found: Plan) -> list[noxface.Offer]:

@@ -8,14 +8,14 @@ from typing import Any
 import msgspec
 import pytest
 import specimens
-from builders import case, cell, document_of, make_knowledge, phase, record, signature, step
+from builders import case, cell, document_of, make_knowledge, make_plan, matrix, phase, record, signature, step
 from specimens import RESET, SOLVER, XML
 
-from harness.matrix import changes, matrix_file, matrix_remedies, plan
+from harness.matrix import changes, matrix_remedies, plan
 from harness.matrix.signatures import Signature
 from harness.model import Cell, CellRecord, Change, Expectation, Outcome, Phase, Plan, Question, Tried, Verdict
 from harness.model.errors import BadInput
-from harness.model.report_types import CellEntry, Document
+from harness.model.report_types import Document
 from harness.reports import document, publishing
 from harness.reports.tables import change_effects, tables
 from harness.reports.tables.table_types import Effect
@@ -34,8 +34,7 @@ OLD = CHANGE + 'cells = "py3.11_mujoco-3.3.7_egl"\nrequirements = ["mujoco<3"]\n
 
 def planned(text: str, known: tuple[Signature, ...] = ()) -> Plan:
     """Return the plan of a matrix called demo."""
-    read = matrix_remedies.fill(matrix_file.read(MATRIX + text, "demo.toml"), known)
-    return plan.make_plan(plan.Sources(matrix=read, host_python="3.12.1"))
+    return make_plan(matrix_remedies.fill(matrix(MATRIX + text), known))
 
 
 def changed(text: str, known: tuple[Signature, ...] = ()) -> dict[str, Cell]:
@@ -137,7 +136,7 @@ class TestCells:
     def test_changes_are_tried_on_what_a_strategy_chose(self) -> None:
         """A combination that it leaves out has no changes either."""
         text = 'strategy = "baseline"\n'
-        read = matrix_file.read(text + MATRIX + CHANGE + 'cells = "*"\npython = "3.12"\n', "demo.toml")
+        read = matrix(text + MATRIX + CHANGE + 'cells = "*"\npython = "3.12"\n')
         found = plan.make_plan(plan.Sources(matrix=read, host_python="3.12.1")).cells
         bases = [cell.id for cell in found if not cell.base]
         assert 0 < len(bases) < 8
@@ -147,7 +146,7 @@ class TestCells:
         """They have no say in which combinations are chosen: a choice that was made stays good."""
 
         def made_from(text: str) -> str:
-            read = matrix_file.read(MATRIX + text, "demo.toml")
+            read = matrix(MATRIX + text)
             return plan.candidates(plan.Sources(matrix=read, host_python="3.12.1")).made_from
 
         assert made_from(OLD) == made_from("")
@@ -365,11 +364,6 @@ class TestProof:
         assert proofs(document.combined([whole, parts[0]]))[0] == ("solver", True, CURE.id)
 
 
-def entry(what: CellRecord) -> CellEntry:
-    """Return the entry of a record."""
-    return made(what).cells[0]
-
-
 XML_RED = case("ppfp", vector=phase(Phase.VECTOR, Outcome.FAILED, XML, masked_by=RESET))
 UNRESOLVED = record(resolve=step(Phase.RESOLVE, Outcome.FAILED, "no numpy"), install=None, installed=None, of=BASE)
 
@@ -394,7 +388,7 @@ UNRESOLVED = record(resolve=step(Phase.RESOLVE, Outcome.FAILED, "no numpy"), ins
 )
 def test_what_a_change_did(before: CellRecord, after: CellRecord, effect: Effect) -> None:
     """The effect follows from the verdict, then the failing checks, then cause or line, then the phase."""
-    assert change_effects.effect(entry(before), entry(after)) is effect
+    assert change_effects.effect(made(before).cells[0], made(after).cells[0]) is effect
 
 
 @pytest.mark.parametrize(
@@ -409,7 +403,7 @@ def test_lines_are_the_same_but_for_versions_and_places(line: str, effect: Effec
     """Without a known failure, two lines are the same if only versions and line numbers differ."""
     lines = ("TypeError: in step, gym/core.py line 12, mujoco 3.1.6", line)
     before, after = (record(case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, each))) for each in lines)
-    assert change_effects.effect(entry(before), entry(after)) is effect
+    assert change_effects.effect(made(before).cells[0], made(after).cells[0]) is effect
 
 
 def test_the_same_cause_in_other_words_is_no_difference() -> None:
@@ -417,7 +411,7 @@ def test_the_same_cause_in_other_words_is_no_difference() -> None:
     before, after = (
         record(case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, f"{word} solver_iter"))) for word in ("a", "b")
     )
-    assert change_effects.effect(entry(before), entry(after)) is Effect.NOTHING
+    assert change_effects.effect(made(before).cells[0], made(after).cells[0]) is Effect.NOTHING
 
 
 # --- how it is shown -------------------------------------------------------------------------------------------

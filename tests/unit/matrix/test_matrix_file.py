@@ -5,6 +5,7 @@ from typing import Any
 
 import jsonschema
 import pytest
+from builders import CASE
 
 from harness.matrix import matrix_file
 from harness.matrix.matrix_types import Matrix, MatrixTable
@@ -13,7 +14,6 @@ from harness.model.errors import BadInput
 from harness.model.vocabulary import Instant, Kind
 
 MATRICES = Path(__file__).parents[3] / "matrices"
-CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
 AXES = 'axes = { python = ["3.11"], gymnasium = ["0.29.1", "1.2.3"] }\n'
 
 

@@ -1,43 +1,29 @@
 """The plan of a matrix: which cells there are, what they ask for, what is dropped, and what is stale."""
 
-from typing import Any
-
 import pytest
+from builders import CASE, make_plan, matrix
 
-from harness.matrix import matrix_file, plan, version_ranges
-from harness.matrix.matrix_types import Matrix
-from harness.model import Case, Cell, Dropped, Expectation, Phase, Plan, Question, Verdict
+from harness.matrix import version_ranges
+from harness.model import Case, Cell, Dropped, Expectation, Phase, Question, Verdict
 from harness.model.errors import BadInput
 from harness.model.vocabulary import checks_of
-
-CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
-
-
-def matrix(text: str) -> Matrix:
-    """Return a matrix called demo."""
-    return matrix_file.read(text, "demo.toml")
-
-
-def planned(text: str, host: str = "3.12.1", **sources: Any) -> Plan:
-    """Return the plan of a matrix called demo, made of these sources."""
-    return plan.make_plan(plan.Sources(matrix=matrix(text), host_python=host, **sources))
 
 
 def refused(text: str) -> str:
     """Return the message with which planning a matrix is refused."""
     with pytest.raises(BadInput) as error:
-        planned(text)
+        make_plan(text)
     return str(error.value)
 
 
 def labels(text: str) -> list[str]:
     """Return the labels of the cells, in order."""
-    return [cell.label for cell in planned(text).cells]
+    return [cell.label for cell in make_plan(text).cells]
 
 
 def by_label(text: str) -> dict[str, Cell]:
     """Return the cells of a matrix by label."""
-    return {cell.label: cell for cell in planned(text).cells}
+    return {cell.label: cell for cell in make_plan(text).cells}
 
 
 class TestIds:
@@ -57,7 +43,7 @@ class TestIds:
 
     def test_host_is_a_real_version(self) -> None:
         """The Python that runs the harness is named by its version and asked for as host."""
-        cell = planned('axes = { python = ["host"] }\n' + CASE).cells[0]
+        cell = make_plan('axes = { python = ["host"] }\n' + CASE).cells[0]
 
         assert (cell.id, cell.axes, cell.python) == ("demo/py3.12.1", {"python": "3.12.1"}, "host")
 
@@ -123,7 +109,7 @@ class TestQuestions:
             + CASE
         )
 
-        assert planned(text).cells[0].question == Question(
+        assert make_plan(text).cells[0].question == Question(
             requirements=("gymnasium[mujoco]", "scipy", "pygame", "gymnasium==0.29.1"),
             constraints=("numpy<3", "numpy<2", "z<1"),
             overrides=("y==1",),
@@ -144,7 +130,7 @@ class TestQuestions:
             'axes = { python = ["3.11"], gymnasium = ["absent"] }\n' + CASE
         )
 
-        assert planned(text).cells[0].question == Question(requirements=("scipy",), absent=("gymnasium",))
+        assert make_plan(text).cells[0].question == Question(requirements=("scipy",), absent=("gymnasium",))
 
     def test_strings_are_plain(self) -> None:
         """Strings that others encode and compare are of the built-in type."""
@@ -152,7 +138,7 @@ class TestQuestions:
             'requirements = ["numpy"]\nconstraints = ["numpy<3"]\nsnapshot = 2026-11-20\naxes.python = ["3.11"]\n'
             + CASE
         )
-        question = planned(text).cells[0].question
+        question = make_plan(text).cells[0].question
         written = (*question.requirements, *question.constraints, question.snapshot, question.torch_backend)
 
         assert {type(each) for each in written} == {str}
@@ -160,7 +146,7 @@ class TestQuestions:
     def test_a_variable_never_changes_the_question(self) -> None:
         """Cells that differ in variables only share one question."""
         text = 'axes = { python = ["3.11"], GL = { variable = ["egl", "osmesa"] } }\n' + CASE
-        first, second = planned(text).cells
+        first, second = make_plan(text).cells
 
         assert first.question is second.question
 
@@ -182,7 +168,7 @@ class TestQuestions:
             'axes = { python = ["3.9", "3.11", "3.11.7", "3.12"], x = ["1.0"] }\n' + CASE
         )
 
-        assert [cell.python for cell in planned(text).cells if cell.question.constraints] == holds
+        assert [cell.python for cell in make_plan(text).cells if cell.question.constraints] == holds
 
 
 class TestSurroundings:
@@ -193,7 +179,7 @@ class TestSurroundings:
             'axes = { python = ["3.11"], C = { variable = [""] }, '
             'api = { x = { environment = { B = "x", C = "x" } } } }\n' + CASE
         )
-        cell = planned(text).cells[0]
+        cell = make_plan(text).cells[0]
 
         assert cell.environment == {"A": "base", "B": "x", "C": ""}
         assert cell.axes == {"python": "3.11", "C": "unset", "api": "x"}
@@ -206,7 +192,7 @@ class TestSurroundings:
             'api = { x = { needs = ["egl", "gpu"], system = ["libglew-dev", "patchelf"], '
             'files = { ".config/a" = "other" } } } }\n' + CASE
         )
-        cell = planned(text, texts={"b.xml": "<b/>"}).cells[0]
+        cell = make_plan(text, texts={"b.xml": "<b/>"}).cells[0]
 
         assert cell.needs == ("egl", "gpu")
         assert cell.system == ("patchelf", "libglew-dev")
@@ -227,7 +213,7 @@ class TestCases:
             '[[cases]]\nenv = "gym:ALE/Pong-v5"\nkwargs = { a = 1 }\ntimeouts = { single = 60 }\n'
         )
 
-        assert planned(text).cells[0].cases == (
+        assert make_plan(text).cells[0].cases == (
             Case(
                 id="gym-ALE-Pong-v5",
                 env="gym:ALE/Pong-v5",
@@ -242,7 +228,7 @@ class TestCases:
         """Checks come in the order of phases, and none without the import that it needs."""
         text = 'axes.python = ["3.11"]\n' + CASE + 'checks = ["vector", "single.loop"]'
 
-        assert planned(text).cells[0].cases[0].checks == (
+        assert make_plan(text).cells[0].cases[0].checks == (
             "import.modules",
             "single.loop",
             "vector.sync",
@@ -253,7 +239,7 @@ class TestCases:
         """A case can be an import alone, of no API."""
         text = 'axes.python = ["3.11"]\n[[cases]]\nimports = ["mujoco"]\n'
 
-        assert planned(text).cells[0].cases == (
+        assert make_plan(text).cells[0].cases == (
             Case(id="import-mujoco", env=None, api="", checks=("import.modules",), imports=("mujoco",)),
         )
 
@@ -265,7 +251,7 @@ class TestCases:
             axes.api.new.cases = [{ env = "Ant-v5", api = "gymnasium", when = { python = "3.11" } }]
             cases = [{ env = "CartPole-v1", api = "gymnasium", when = { python = "3.11" } }]
         """
-        found = planned(text)
+        found = make_plan(text)
 
         assert {cell.label: [case.id for case in cell.cases] for cell in found.cells} == {
             "py3.10_old": ["Ant-v4"],
@@ -286,7 +272,7 @@ class TestCases:
             f'{CASE}when = {{ python = "{python}" }}\nsteps = {steps}\n' for python, steps in (("3.10", 5), ("3.11", 6))
         )
 
-        assert [cell.cases[0].steps for cell in planned(text).cells] == [5, 6]
+        assert [cell.cases[0].steps for cell in make_plan(text).cells] == [5, 6]
 
     def test_a_case_that_exists_nowhere_is_stale(self) -> None:
         """A case that no cell has is told, not passed over."""
@@ -298,7 +284,7 @@ class TestCases:
             + 'id = "second"\nwhen = { python = "3.12" }'
         )
 
-        assert planned(text).stale == (
+        assert make_plan(text).stale == (
             'demo.toml: cases[1] ("second") exists in no cell',
             'demo.toml: axes.api.x.cases[0] ("E") exists in no cell',
         )
@@ -316,7 +302,7 @@ class TestExcludeAndInclude:
             + '[[exclude]]\nwhen = { python = "3.10", gymnasium = "1.2.3" }\nreason = "again"\n'
             + '[[exclude]]\nwhen = { python = "3.9" }\nreason = "too old"\n'
         )
-        found = planned(text)
+        found = make_plan(text)
 
         assert found.dropped == (Dropped(id="demo/py3.10_gymnasium-1.2.3", reason="needs 3.11"),)
         assert [cell.label for cell in found.cells] == [
@@ -335,7 +321,7 @@ class TestExcludeAndInclude:
             + '[[include]]\naxes = { python = "3.8", gymnasium = "0.26.3" }\nreason = "older still"\n'
             + '[[include]]\naxes = { python = "3.10", gymnasium = "1.2.3" }\nreason = "the newest"\n'
         )
-        found = planned(text)
+        found = make_plan(text)
 
         assert [cell.label for cell in found.cells] == [
             "py3.11_gymnasium-0.29.1",
@@ -379,7 +365,7 @@ class TestExpectations:
             + '[[expect]]\nwhen = { python = ">=3.12" }\ncells = "*3"\nverdict = "broken"\nreason = "c"\n'
             + '[[expect]]\ncells = "py3.10"\nverdict = "works"\nreason = "d"\n'
         )
-        found = planned(text)
+        found = make_plan(text)
 
         assert [cell.expect for cell in found.cells] == [
             Expectation(
@@ -403,7 +389,7 @@ class TestRanges:
     def test_an_expanded_range(self) -> None:
         """The versions of the expansion are values of the axis, and its instant is the cutoff."""
         made = version_ranges.expand(matrix(self.TEXT), {"mujoco": [("3.3.7", False), ("4.0.0", False)]}, "2026-11-20")
-        cells = planned(self.TEXT, expansion=made).cells
+        cells = make_plan(self.TEXT, expansion=made).cells
 
         assert [cell.id for cell in cells] == ["demo/py3.11_mujoco-3.3.7", "demo/py3.11_mujoco-4.0.0"]
         assert cells[0].question == Question(requirements=("mujoco==3.3.7",), snapshot="2026-11-20T23:59:59Z")
@@ -418,7 +404,7 @@ class TestRanges:
         """An expansion that the file has moved on from is not used."""
         made = version_ranges.expand(matrix(self.TEXT), {"mujoco": [("3.3.7", False)]}, "2026-11-20")
         with pytest.raises(BadInput) as error:
-            planned(self.TEXT.replace(">=3", ">=2"), expansion=made)
+            make_plan(self.TEXT.replace(">=3", ">=2"), expansion=made)
 
         assert str(error.value) == (
             "demo.toml: axes.mujoco: the range has changed since it was expanded; "
@@ -428,6 +414,6 @@ class TestRanges:
 
 def test_axes_and_shown_packages_in_order() -> None:
     """Tables learn the axes and the packages to show."""
-    found = planned('shown = ["NumPy"]\naxes = { python = ["3.11"], gymnasium = ["1.0"] }\n' + CASE)
+    found = make_plan('shown = ["NumPy"]\naxes = { python = ["3.11"], gymnasium = ["1.0"] }\n' + CASE)
 
     assert (found.matrix, found.axes, found.shown) == ("demo", ("python", "gymnasium"), ("numpy",))

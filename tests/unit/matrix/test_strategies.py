@@ -5,15 +5,15 @@ from itertools import combinations
 
 import msgspec
 import pytest
+from builders import CASE, make_plan, matrix
 from packaging.version import Version
 
-from harness.matrix import matrix_file, plan, version_ranges
-from harness.matrix.matrix_types import Chosen, Expansion, Matrix, Unresolvable
+from harness.matrix import plan, version_ranges
+from harness.matrix.matrix_types import Chosen, Expansion, Unresolvable
 from harness.matrix.version_ranges import Breaks
 from harness.model import Cell, Dropped, Plan, Question
 from harness.model.errors import BadInput, CouldNotTell
 
-CASE = '[[cases]]\nenv = "CartPole-v1"\napi = "gymnasium"\n'
 THREE = """
 [axes]
 python = ["3.10", "3.11", "3.12"]
@@ -26,14 +26,9 @@ INSTANT = "2026-11-20T23:59:59Z"
 Resolves = Callable[[str, Question], str | None]
 
 
-def matrix(text: str) -> Matrix:
-    """Return a matrix called demo."""
-    return matrix_file.read(text, "demo.toml")
-
-
 def planned(text: str, chosen: Expansion | None = None, breaks: Breaks = BREAKS) -> Plan:
     """Return the plan of a matrix called demo."""
-    return plan.make_plan(plan.Sources(matrix=matrix(text), expansion=chosen, host_python="3.12.1", breaks=breaks))
+    return make_plan(text, expansion=chosen, breaks=breaks)
 
 
 def labels(text: str, chosen: Expansion | None = None) -> list[str]:

@@ -7,13 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from builders import GENERATED, MACHINES, case, cell, interpreter, lock, pin, plain, record
+from builders import GENERATED, MACHINES, case, cell, interpreter, lock, make_plan, pin, plain, record
 
 from harness import model
 from harness.judging.assess import Assessed, assess
 from harness.judging.runs.check import Ending
 from harness.judging.runs.pytest_report import Report, outcome_of
-from harness.matrix import matrix_file, plan
 from harness.model import (
     CaseRecord,
     Cell,
@@ -39,8 +38,7 @@ PYTHON = interpreter()
 
 def cells(text: str) -> dict[str, Cell]:
     """Return the cells of a matrix called demo, by label."""
-    planned = plan.make_plan(plan.Sources(matrix=matrix_file.read(text, "demo.toml"), host_python="3.12.1"))
-    return {cell.label: cell for cell in planned.cells}
+    return {cell.label: cell for cell in make_plan(text).cells}
 
 
 def subject(found: Cell) -> Subject:

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import msgspec
 import pytest
-from builders import GENERATED, HERE, MACHINES, case, cell, document_of, phase, record, step, warning
+from builders import GENERATED, HERE, MACHINES, case, cell, entry, phase, record, step, warning
 from specimens import RESET, XML, quick, quick_document
 
-from harness.model import CellRecord, CheckRecord, Expectation, Level, Outcome, Phase, PhaseRecord, Plan, Verdict
+from harness.model import CheckRecord, Expectation, Level, Outcome, Phase, PhaseRecord, Plan, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import CellEntry, Document, FindingEntry
 from harness.reports import document
@@ -21,21 +21,16 @@ CELL_KEYS = {
 CASE_KEYS = {"case", "env", "api", "phases", "checks", "frames", "decisive"}
 
 
-def one(made: CellRecord, *stale: str) -> CellEntry:
-    """Return the entry of a record, in a document that holds only this record."""
-    return document_of(made, stale=stale).cells[0]
-
-
 def test_keys_of_the_contract() -> None:
     """Every key that others rely on is there, in every cell and case."""
     plain = json.loads(document.encode(quick_document()))
 
     assert {"schema", "generated", "machines", "cells", "dropped"} <= plain.keys()
     assert plain["schema"] == 1
-    for entry in plain["cells"]:
-        assert entry.keys() >= CELL_KEYS
-        assert list(entry["phases"]) == sorted(["resolve", "install", "import", "single", "vector", "render"])
-        for tried in entry["cases"]:
+    for plain_cell in plain["cells"]:
+        assert plain_cell.keys() >= CELL_KEYS
+        assert list(plain_cell["phases"]) == sorted(["resolve", "install", "import", "single", "vector", "render"])
+        for tried in plain_cell["cases"]:
             assert tried.keys() >= CASE_KEYS
     assert plain["dropped"][0] == {
         "id": "quick/py3.9_gymnasium-1.2.3_mujoco-2.3.7",
@@ -119,28 +114,28 @@ def test_what_drew(said: object, drawn: dict[str, str]) -> None:
     checks = (CheckRecord(check="render.rgb_array", outcome=Outcome.PASSED, facts={"gl": said}),)
     made = record(case("pppp", render=PhaseRecord(phase=Phase.RENDER, outcome=Outcome.PASSED, checks=checks)))
 
-    assert one(made).cases[0].drawn == drawn
+    assert entry(made).cases[0].drawn == drawn
 
 
 def test_evidence_of_a_step() -> None:
     """The evidence of a cell that was not installed is the log of the step that failed."""
     made = record(install=step(Phase.INSTALL, Outcome.FAILED, "gcc"))
 
-    assert one(made).evidence == "evidence/install/log.txt"
+    assert entry(made).evidence == "evidence/install/log.txt"
 
 
 def test_evidence_of_what_works() -> None:
     """The evidence of a working cell is that of the last phase that ran."""
     render = phase(Phase.RENDER, Outcome.PASSED, evidence="evidence/r")
 
-    assert one(record(case("pppp", render=render))).evidence == "evidence/r"
+    assert entry(record(case("pppp", render=render))).evidence == "evidence/r"
 
 
 def test_a_case_that_could_not_be_verified_says_why() -> None:
     """The reason of an unavailable phase is the case's line, though the cell works."""
-    entry = one(record(case("pppu", render=phase(Phase.RENDER, Outcome.UNAVAILABLE, "no EGL here"))))
+    seen = entry(record(case("pppu", render=phase(Phase.RENDER, Outcome.UNAVAILABLE, "no EGL here"))))
 
-    assert (entry.decisive, entry.cases[0].decisive) == (None, "no EGL here")
+    assert (seen.decisive, seen.cases[0].decisive) == (None, "no EGL here")
 
 
 def test_findings_once() -> None:
@@ -150,7 +145,7 @@ def test_findings_once() -> None:
     escaped = replace(found, check="resolve.cutoff", level=Level.NOTE, text="a file from find-links")
     made = record(case("pppp", single=single), case("pppp", "pusher", single=single), findings=(escaped,))
 
-    assert one(made).findings == (
+    assert entry(made).findings == (
         FindingEntry(check="resolve.cutoff", level=Level.NOTE, text="a file from find-links"),
         FindingEntry(check="single.space", level=Level.WARNING, text="outside", cases=("ant", "pusher")),
     )
@@ -160,9 +155,9 @@ def test_phases_cut_short_are_not_passed_over() -> None:
     """A phase that was asked for and left out is `not_reached` in the document."""
     left_out = PhaseRecord(phase=Phase.RENDER, outcome=Outcome.SKIPPED)
 
-    entry = one(record(case("pppp", render=left_out)))
+    seen = entry(record(case("pppp", render=left_out)))
 
-    assert (entry.phases[Phase.RENDER], entry.cases[0].phases[Phase.RENDER]) == ("not_reached", "not_reached")
+    assert (seen.phases[Phase.RENDER], seen.cases[0].phases[Phase.RENDER]) == ("not_reached", "not_reached")
 
 
 def test_round_trip() -> None:
@@ -272,7 +267,7 @@ def test_stale_expectations_are_told_and_fail() -> None:
 def test_exit_code_of_what_is_as_expected() -> None:
     """Works, red as expected, unavailable and not run exit 0; unavailable does not where it is named."""
     plan, records = quick()
-    fine = [made for made in records if one(made).as_expected is not False]
+    fine = [made for made in records if entry(made).as_expected is not False]
     whole = document.build(fine, [plan], MACHINES, GENERATED)
 
     assert document.exit_code(whole, ("unexpected", "stale")) == 0

@@ -6,9 +6,8 @@ from random import Random
 from time import monotonic
 
 import pytest
-from builders import case, entry, phase, record
+from builders import case, entry, make_plan, matrix, phase, record
 
-from harness.matrix import matrix_file, plan
 from harness.matrix.matrix_types import Matrix
 from harness.model import Cell, Outcome, Phase, Plan
 from harness.model.errors import BadInput
@@ -34,8 +33,8 @@ WISH = expectation_writer.Wish(pattern="*mujoco3*", reason="the model of Ant is 
 
 def planned(text: str) -> tuple[Matrix, Plan]:
     """Return the matrix in a text, and its plan."""
-    matrix = matrix_file.read(text, "walkers.toml")
-    return matrix, plan.make_plan(plan.Sources(matrix=matrix, host_python="3.11.7"))
+    walkers = matrix(text, "walkers.toml")
+    return walkers, make_plan(walkers)
 
 
 def measured(cell: Cell, line: str | None = None, machine: str = "linux", at: Phase = Phase.SINGLE) -> CellEntry:

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import msgspec
 import pytest
 from builders import diagnosis
-from specimens import quick_document
+from specimens import moved
 
 from harness.model import Expectation, Verdict
 from harness.model.report_types import CellEntry, DiagnosisEntry
@@ -21,14 +21,9 @@ PYTHONS, MUJOCOS = ("3.9", "3.10", "3.11"), ("2.3.7", "3.1.6", "3.3.7", "4.0.0")
 
 def cell(python: str, mujoco: str, line: str | None = None, **more: object) -> CellEntry:
     """Return a cell of a matrix of Pythons and MuJoCos; with a line it is red."""
-    basis = quick_document().cells[2]
-    told = {"verdict": Verdict.PARTIAL, "decisive": line} if line else {"verdict": Verdict.WORKS, "decisive": None}
-    return msgspec.structs.replace(
-        basis,
-        id=f"quick/py{python}_mujoco-{mujoco}",
-        axes={"python": python, "mujoco": mujoco},
-        **{"as_expected": True, "expectation": None, **told, **more},
-    )
+    verdict = Verdict.PARTIAL if line else Verdict.WORKS
+    usual = {"as_expected": True, "expectation": None, "verdict": verdict, "decisive": line}
+    return moved(2, {"python": python, "mujoco": mujoco}, **{**usual, **more})
 
 
 def matrix(red: dict[tuple[str, str], CellEntry]) -> list[CellEntry]:

@@ -6,7 +6,6 @@ import hashlib
 from collections.abc import Mapping
 from typing import Any
 
-import msgspec
 import pytest
 from builders import HERE, measured_case, measured_cell
 
@@ -42,11 +41,13 @@ class World:
         label = "-".join(f"{name}{version}" for name, version in pins.items())
         cell = measured_cell(
             f"py{python}_{label}{more.pop('suffix', '')}", verdict, f"{python}.7",
-            measured="2026-11-21T12:00:00Z", phases=ALL, axes={"python": python, **pins}, lock=sha,
-            cases=[case("a")],
-        ) | more  # fmt: skip
-        self.cells.append(msgspec.convert(cell, MeasuredCell))
-        return str(cell["id"])
+            **{
+                "measured": "2026-11-21T12:00:00Z", "phases": ALL, "axes": {"python": python, **pins}, "lock": sha,
+                "cases": [case("a")], **more,
+            },
+        )  # fmt: skip
+        self.cells.append(cell)
+        return cell.id
 
     @property
     def results(self) -> list[CellResult]:

@@ -7,9 +7,8 @@ from typing import Any
 
 import msgspec
 import pytest
-from builders import GENERATED, case, cell, document_of, record
+from builders import GENERATED, case, cell, document_of, make_plan, record
 
-from harness.matrix import matrix_file, plan
 from harness.model import Cell, CellRecord, Change, Outcome, Phase, Role, Step, Tried, Verdict
 from harness.model.report_types import Document
 from harness.reports.tables import squares, tables
@@ -133,7 +132,7 @@ class TestRoles:
             '[[variant]]\nwhen = { mujoco = "<3" }\nreason = "old"\n'
             '[[variant]]\nwhen = { mujoco = ">4" }\nreason = "newer"\n'
         )
-        planned = plan.make_plan(plan.Sources(matrix=matrix_file.read(text, "demo.toml"), host_python="3.11.7"))
+        planned = make_plan(text)
 
         assert [one.id in planned.variants for one in planned.cells] == [True, False]
         assert planned.stale == ('demo.toml: variant[1] matches no cell (reason: "newer")',)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import pytest
 from builders import diagnosis
-from specimens import quick_document
+from specimens import moved, quick_document
 
 from harness.model import Outcome
 from harness.model.report_types import CellEntry, SuiteEntry
@@ -19,16 +19,7 @@ TEMPLATE = read_template(report_markdown.TEMPLATE)
 
 def cell(gymnasium: str, suite: SuiteEntry | None, python: str = "3.11") -> CellEntry:
     """Return a working cell with the result of its package's own tests."""
-    basis = quick_document().cells[4]
-    axes = {"python": python, "gymnasium": gymnasium}
-    return msgspec.structs.replace(
-        basis,
-        id=f"quick/py{python}_gymnasium-{gymnasium}",
-        axes=axes,
-        suite=suite,
-        unverified=(),
-        requested_python=python,
-    )
+    return moved(4, {"python": python, "gymnasium": gymnasium}, suite=suite, unverified=())
 
 
 def suite(*failed: str, passed: int = 50, **more: object) -> SuiteEntry:

@@ -68,7 +68,10 @@ def test_an_endless_traceback_is_cut() -> None:
 def test_lines_without_an_end_are_kept_within_bounds() -> None:
     """A progress bar of many megabytes is one line."""
     kept = log_excerpt.read_excerpt(io.BytesIO(b"\r 10%|##   |" * 500_000).read)
-    assert (kept.size, len(kept.text) < 2 * (log_excerpt.HEAD + log_excerpt.TAIL + log_excerpt.CHUNK)) == (6_000_000, True)
+    assert (kept.size, len(kept.text) < 2 * (log_excerpt.HEAD + log_excerpt.TAIL + log_excerpt.CHUNK)) == (
+        6_000_000,
+        True,
+    )
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
 from builders import measured_cell
 from facts import distribution, facts, installed
 
@@ -14,7 +15,8 @@ from harness.standalone.installing import PIP
 
 def cell(label: str, verdict: str = "works", python: str = "3.11.7", env: str = "CartPole-v1", **lock: str) -> Any:
     """Return a cell with its lock, given as versions by name."""
-    made = measured_cell(label, verdict, python, axes={"gym": lock.get("gym", "")}, supplied={"MUJOCO_GL": "egl"})
+    axes = {"gym": lock.get("gym", "")}
+    made = msgspec.to_builtins(measured_cell(label, verdict, python, axes=axes, supplied={"MUJOCO_GL": "egl"}))
     (case,) = made["cases"]
     made["decisive"] = None if verdict == "works" else "AttributeError: no"
     made["cases"] = [{**case, "env": env, "api": "gym"}]
