@@ -115,7 +115,7 @@ def test_imports(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", OURS, ids=lambda path: path.name)
-def test_what_stands_alone_imports_itself_and_the_standard_library(path: Path) -> None:
+def test_the_standalone_code_imports_itself_and_the_standard_library(path: Path) -> None:
     """Relatively, and nothing that 3.7 lacks; the host alone knows newer ones."""
     tree = _tree(path)
     relative = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level]

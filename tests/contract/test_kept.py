@@ -123,6 +123,6 @@ def test_values_are_json(value: object, encoded) -> None:
     ],
     ids=["nan", "inf", "object", "surrogate", "long", "bytes"],
 )
-def test_what_json_lacks_is_text(value: object, text: str, encoded) -> None:
+def test_values_that_json_lacks_become_text(value: object, text: str, encoded) -> None:
     """A number that JSON lacks, an object, a text that UTF-8 cannot hold become text that it can."""
     assert json.loads(encoded(value)) == text

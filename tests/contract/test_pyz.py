@@ -118,14 +118,14 @@ def test_doctor_looks_at_the_environment_that_runs_it(pyz: Path, tmp_path: Path)
     assert (looked["python"], looked["why"]) == (python, "it runs this file")
 
 
-def test_people_are_told_too(pyz: Path, tmp_path: Path) -> None:
+def test_people_get_the_answer_in_words(pyz: Path, tmp_path: Path) -> None:
     """Cause, remedy, reference, what to type next; whatever characters the terminal knows."""
     done = run(sys.executable, pyz, "explain", given=LOGS["bool8"].encode(), cwd=tmp_path)
     words = [line.partition(":")[0] for line in done.stdout.decode("ascii").splitlines()]
     assert {"failed", "cause", "remedy", "reference", "known as", "next"} <= set(words)
 
 
-def test_bad_input_is_told(pyz: Path, tmp_path: Path) -> None:
+def test_bad_input_is_refused_in_one_line(pyz: Path, tmp_path: Path) -> None:
     """Bad input gives one line on stderr and exit code 2."""
     done = run(sys.executable, pyz, "explain", "no.log", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (
@@ -152,7 +152,7 @@ def test_it_can_be_started_by_its_name(pyz: Path, tmp_path: Path) -> None:
     assert pyz.read_bytes().startswith(doctor_pyz.SHEBANG)
 
 
-def test_a_python_that_is_too_old_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_python_that_is_too_old_is_refused_in_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a traceback, before anything else is read; what says so has no syntax newer than Python 3.0."""
     monkeypatch.setattr(sys, "version_info", (3, 6, 15))
     with pytest.raises(SystemExit, match=r"^simmatrix-doctor: needs Python 3\.7 or newer, this is 3\.6$"):

@@ -33,7 +33,7 @@ def make(host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> Mak
     return ensure
 
 
-def made(answer: Environment | Step) -> Environment:
+def expect_environment(answer: Environment | Step) -> Environment:
     """Return the answer, which must be an environment."""
     assert isinstance(answer, Environment), answer
     return answer
@@ -63,7 +63,7 @@ def test_one_sdist_four_wheels(
     found = {}
     for python in (host, other):
         for tool in order:
-            environment = made(
+            environment = expect_environment(
                 make("fake-build-dependent", python=python, build_constraints=(f"fake-build-tool=={tool}",))
             )
             seen = values(environment, "fake_build_dependent", tmp_path)
@@ -77,8 +77,8 @@ def test_one_sdist_four_wheels(
 
 def test_build_variables_make_another_wheel(make: Make, tmp_path: Path) -> None:
     """A build variable is seen by the build, and belongs to the key of its wheel."""
-    plain = made(make("fake-build-dependent"))
-    sweet = made(make("fake-build-dependent", build_variables={"FAKE_FLAVOUR": "sweet"}))
+    plain = expect_environment(make("fake-build-dependent"))
+    sweet = expect_environment(make("fake-build-dependent", build_variables={"FAKE_FLAVOUR": "sweet"}))
 
     assert values(plain, "fake_build_dependent", tmp_path)["FLAVOUR"] == "none"
     assert values(sweet, "fake_build_dependent", tmp_path)["FLAVOUR"] == "sweet"
@@ -89,12 +89,14 @@ def test_host_variables_stay_outside(make: Make, tmp_path: Path, monkeypatch: py
     """A variable of the user's shell reaches neither the metadata of an sdist nor its build."""
     monkeypatch.setenv("FAKE_FLAVOUR", "bitter")
 
-    assert values(made(make("fake-build-dependent")), "fake_build_dependent", tmp_path)["FLAVOUR"] == "none"
+    assert (
+        values(expect_environment(make("fake-build-dependent")), "fake_build_dependent", tmp_path)["FLAVOUR"] == "none"
+    )
 
 
 def test_built_once(make: Make, host: Interpreter, offline_index: IndexSettings, tmp_path: Path) -> None:
     """A second request takes the wheel from the store, without a build environment."""
-    made(make("fake-build-dependent"))
+    expect_environment(make("fake-build-dependent"))
     asked = question("fake-build-dependent", "fake-needs-plain", index=offline_index)
     lock = expect_lock(resolver.resolve(asked, host, tmp_path / "state" / "x"))
     pin = next(pin for pin in lock.pins if not pin.artifact.is_wheel)
@@ -107,15 +109,15 @@ def test_built_once(make: Make, host: Interpreter, offline_index: IndexSettings,
 
 def test_backend_asks_for_more(make: Make, tmp_path: Path) -> None:
     """A package that only `get_requires_for_build_wheel` names is in the build environment, within its bounds."""
-    environment = made(make("fake-build-asks-more"))
+    environment = expect_environment(make("fake-build-asks-more"))
 
     assert values(environment, "fake_build_asks_more", tmp_path) == {"BUILT_WITH": "1.0"}
     assert environment.installed == {"fake-build-asks-more": "1.0"}
 
 
-def test_said_to_be_built(make: Make) -> None:
+def test_a_built_wheel_has_a_note(make: Make) -> None:
     """A wheel that was built here has a note that says so."""
-    assert [finding.text for finding in made(make("fake-build-asks-more")).findings] == [
+    assert [finding.text for finding in expect_environment(make("fake-build-asks-more")).findings] == [
         "fake-build-asks-more 1.0 has no wheel for this Python and was built from its sdist"
     ]
 

@@ -43,7 +43,7 @@ def pyc(lent: RunFolders, folder: Path) -> Path:
     return found
 
 
-def warmed(source: Source) -> None:
+def run_twice(source: Source) -> None:
     """Run twice: the second run has the bytecode that the first needed, compiled apart."""
     (folder,) = source.folders
     for _ in range(2):
@@ -51,7 +51,7 @@ def warmed(source: Source) -> None:
             imported(lent, folder)
 
 
-def test_what_a_run_needed_is_there_for_the_next(source: Source) -> None:
+def test_byte_code_of_a_run_is_there_for_the_next(source: Source) -> None:
     """The second run finds byte code before it has compiled any, of the standard library, too."""
     (folder,) = source.folders
     with bytecode.lend_folders(source, folder, "t") as lent:
@@ -68,15 +68,15 @@ def test_what_a_run_needed_is_there_for_the_next(source: Source) -> None:
 
 def test_a_copy_of_an_environment_has_it_in_its_own_place(source: Source, tmp_path: Path) -> None:
     """A run that sees the environment elsewhere finds its byte code there."""
-    warmed(source)
+    run_twice(source)
     with bytecode.lend_folders(source, tmp_path / "copy", "t") as lent:
         assert pyc(lent, tmp_path / "copy").is_file()
 
 
-def test_what_a_run_leaves_reaches_nobody(source: Source) -> None:
+def test_poisoned_byte_code_reaches_no_other_run(source: Source) -> None:
     """Poisoned bytecode is deleted with the run that left it, also if it is for a new name."""
     (folder,) = source.folders
-    warmed(source)
+    run_twice(source)
     with bytecode.lend_folders(source, folder, "t") as lent:
         good = pyc(lent, folder).read_bytes()
         pyc(lent, folder).write_bytes(good[:16] + b"poison")
@@ -93,7 +93,7 @@ def test_what_a_run_leaves_reaches_nobody(source: Source) -> None:
 def test_damage_is_not_used(source: Source, damage: str) -> None:
     """However the file is damaged, a run compiles again, and the next run finds it whole."""
     (folder,) = source.folders
-    warmed(source)
+    run_twice(source)
     code = source.cache / bytecode.CODE
     content = code.read_bytes()
     code.unlink()
@@ -110,12 +110,12 @@ def test_damage_is_not_used(source: Source, damage: str) -> None:
         assert b"\xff" * 9 not in pyc(lent, folder).read_bytes()
 
 
-def test_forgotten_code_is_compiled_anew(source: Source) -> None:
+def test_fresh_runs_compile_code_again(source: Source) -> None:
     """`--fresh` and `--verify` use no bytecode of earlier runs."""
-    warmed(source)
+    run_twice(source)
     bytecode.forget(source.cache)
     assert not (source.cache / bytecode.CODE).exists()
-    warmed(source)
+    run_twice(source)
     assert (source.cache / bytecode.CODE).exists()
 
 

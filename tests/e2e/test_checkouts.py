@@ -57,7 +57,7 @@ def tree(tmp_path: Path) -> Path:
     return folder
 
 
-def held(folder: Path) -> list[str]:
+def files_of(folder: Path) -> list[str]:
     """Return the files of a copy, without its history."""
     paths = [path.relative_to(folder) for path in folder.rglob("*") if not path.is_dir() or path.is_symlink()]
     return sorted(path.as_posix() for path in paths if ".git" not in path.parts)
@@ -74,7 +74,7 @@ def test_folder_without_version_control(tree: Path, tmp_path: Path) -> None:
     assert (before.commit, before.changed) == (None, False)
     assert same == before
     assert checkouts.of_folder(tree).mark != before.mark
-    assert held(copy) == ["link", "own/__init__.py", "own/build/kept.py", "setup.py"]
+    assert files_of(copy) == ["link", "own/__init__.py", "own/build/kept.py", "setup.py"]
     assert (copy / "link").readlink() == Path("setup.py")
 
 
@@ -105,7 +105,7 @@ def test_checkout(tree: Path, tmp_path: Path, git: Git) -> None:
     assert untracked.changed
     assert len({clean.mark, tagged.mark, untracked.mark, checkouts.of_folder(tree).mark}) == 4
     assert copy == tmp_path / "copy" / "part"
-    assert held(tmp_path / "copy") == [
+    assert files_of(tmp_path / "copy") == [
         ".gitignore",
         "part/link",
         "part/new.py",
@@ -126,7 +126,7 @@ def test_leftovers_that_git_does_not_ignore(tree: Path, tmp_path: Path, git: Git
     (tree / "build" / "lib" / "own" / "old.py").write_text("left by a build")
     copy = checkouts.copy_folder(tree, tmp_path / "copy")
 
-    assert held(copy) == ["env/lib/more.py", "own/__init__.py", "own/build/kept.py", "setup.py"]
+    assert files_of(copy) == ["env/lib/more.py", "own/__init__.py", "own/build/kept.py", "setup.py"]
     shutil.rmtree(tree / "own" / "build")
     assert not checkouts.of_folder(tree).changed
 
@@ -155,11 +155,11 @@ def test_checkout_within_a_checkout(tree: Path, tmp_path: Path, git: Git) -> Non
 
     assert ignored == clean
     assert (changed.changed, len({clean.mark, changed.mark, again.mark})) == (True, 3)
-    assert held(copy / "own" / "vendored") == [".gitignore", "data.py"]
+    assert files_of(copy / "own" / "vendored") == [".gitignore", "data.py"]
     assert (copy / "own" / "vendored" / "data.py").read_text() == "3"
 
 
-def test_files_that_git_was_told_not_to_look_at(tree: Path, git: Git) -> None:
+def test_files_that_git_does_not_check_are_copied(tree: Path, git: Git) -> None:
     """Files that git does not check for changes are copied as they are, so their content is part of the state."""
     whole = tree.parent
     git(whole, "init")

@@ -46,13 +46,13 @@ def repository(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def made(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+def ci_text(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     """Return the text that `ci` prints for the matrix."""
     assert main(["ci", "matrices/mine.toml", *arguments]) == 0
     return capsys.readouterr().out
 
 
-def linted(*command: str | Path) -> subprocess.CompletedProcess[str]:
+def run_linter(*command: str | Path) -> subprocess.CompletedProcess[str]:
     """Run a linter and return the ended process; skip the test if it is missing."""
     program = shutil.which(command[0], path=f"{SCRIPTS}{os.pathsep}{os.environ['PATH']}")
     if program is None:
@@ -93,16 +93,16 @@ class TestLinters:
         wrong: tuple[str, str],
     ) -> None:
         """The platform's strictest linter accepts the file, and rejects a spoilt version of it."""
-        text = made(capsys, "--provider", provider, "--fail-on", "unexpected")
+        text = ci_text(capsys, "--provider", provider, "--fail-on", "unexpected")
         file = repository / f"made.{'sh' if provider == 'slurm' else 'yml'}"
         file.write_text(text)
 
-        done = linted(*command, file)
+        done = run_linter(*command, file)
         assert done.returncode == 0, done.stdout + done.stderr
 
         assert text.count(wrong[0]) >= 1
         file.write_text(text.replace(*wrong))
-        assert linted(*command, file).returncode != 0
+        assert run_linter(*command, file).returncode != 0
 
 
 class TestCheck:
@@ -111,7 +111,7 @@ class TestCheck:
         for provider in pipelines.Provider:
             asked = ["ci", "matrices/mine.toml", "--provider", provider]
             assert main([*asked, "--out", "made"]) == 0
-            assert (repository / "made").read_text() == made(capsys, "--provider", provider)
+            assert (repository / "made").read_text() == ci_text(capsys, "--provider", provider)
             assert main([*asked, "--check", "made"]) == 0
             assert capsys.readouterr() == ("", "made: is up to date\n")
 
@@ -156,16 +156,16 @@ class TestCheck:
 class TestPlanning:
     def test_shards(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
         """`--emit` prints the plan job's outputs and its summary."""
-        assert made(capsys, "--emit", "shards") == "count=1\nshards=[1]\n"
-        assert made(capsys, "--emit", "summary").startswith("## mine: 1 cell in 1 shard\n")
+        assert ci_text(capsys, "--emit", "shards") == "count=1\nshards=[1]\n"
+        assert ci_text(capsys, "--emit", "summary").startswith("## mine: 1 cell in 1 shard\n")
 
-    def test_how_many_shards_is_up_to_the_user(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def test_the_user_chooses_the_number_of_shards(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
         """`--shards` goes into the file that it makes, in the command and where the shards are."""
-        text = made(capsys, "--provider", "gitlab", "--shards", "7")
+        text = ci_text(capsys, "--provider", "gitlab", "--shards", "7")
 
         assert text.startswith("# Made by `simmatrix ci matrices/mine.toml --provider gitlab --shards 7`.\n")
         assert "  parallel: 7\n" in text
-        assert "--provider github --shards 7 --emit shards" in made(capsys, "--shards", "7")
+        assert "--provider github --shards 7 --emit shards" in ci_text(capsys, "--shards", "7")
 
     def test_recorded_seconds_make_shards(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
         """Shards are balanced by the seconds of the committed report and of reports given with `--durations`.
@@ -174,21 +174,21 @@ class TestPlanning:
         """
         expansion = Path("matrices/mine.expanded.json")
         expansion.write_text(EXPANDED.replace('"2.4.0"', ", ".join(f'"2.{minor}.0"' for minor in range(6))))
-        assert "count=1\n" in made(capsys, "--emit", "shards")
+        assert "count=1\n" in ci_text(capsys, "--emit", "shards")
         report(Path("reports/mine/report.json"), 600)
-        assert "count=4\n" in made(capsys, "--emit", "shards")
-        assert "count=2\n" in made(capsys, "--emit", "shards", "--minutes", "30")
+        assert "count=4\n" in ci_text(capsys, "--emit", "shards")
+        assert "count=2\n" in ci_text(capsys, "--emit", "shards", "--minutes", "30")
         report(Path("longer.json"), 1500, slice(1))
 
-        text = made(capsys, "--durations", str(repository / "longer.json"))
+        text = ci_text(capsys, "--durations", str(repository / "longer.json"))
 
-        assert "count=5\n" in made(capsys, "--emit", "shards", "--durations", "longer.json")
+        assert "count=5\n" in ci_text(capsys, "--emit", "shards", "--durations", "longer.json")
         assert "simmatrix ci matrices/mine.toml --provider github --durations longer.json --emit shards" in text
         assert "simmatrix run matrices/mine.toml -j auto --durations longer.json --shard" in text
 
     def test_installs_the_version_that_made_it(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
         """A workflow installs the simmatrix version that wrote it, unless another one is requested."""
-        assert f"pip install --quiet simmatrix=={version('simmatrix')}\n" in made(capsys)
+        assert f"pip install --quiet simmatrix=={version('simmatrix')}\n" in ci_text(capsys)
 
 
 class TestBadInput:
@@ -220,7 +220,7 @@ class TestBadInput:
 
     def test_absolute_path(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
         """An absolute path of the same file makes the same workflow."""
-        expected = made(capsys)
+        expected = ci_text(capsys)
 
         assert main(["ci", str(repository / "matrices" / "mine.toml")]) == 0
         assert capsys.readouterr().out == expected

@@ -43,7 +43,7 @@ def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
 
 
-def asked(folder: Path, way: str) -> list[dict[str, str]]:
+def contexts(folder: Path, way: str) -> list[dict[str, str]]:
     """Return the context seen before a context is made in this way, its maker's facts, and the context seen after."""
     files = (str(launch.INCELL / "cell_opengl_context.py"), str(Path(gl_probe.__file__)))
     command = Command(
@@ -64,12 +64,12 @@ def asked(folder: Path, way: str) -> list[dict[str, str]]:
     ("way", "api", "package"),
     [("egl", "egl", "libegl1"), ("osmesa", "osmesa", "libosmesa6"), ("display", "glx", "xvfb")],
 )
-def test_what_is_current(tmp_path: Path, way: str, api: str, package: str) -> None:
+def test_the_current_context_is_described(tmp_path: Path, way: str, api: str, package: str) -> None:
     """Vendor, renderer and version are those of the new context; the library is named, and none is loaded."""
     if way not in this_machine.facts().capabilities:
         pytest.skip(f"missing library: {package}")
 
-    before, made, told = asked(tmp_path, way)
+    before, made, told = contexts(tmp_path, way)
 
     device = {"device": told.get("device")} if way == "egl" else {}
     assert before == {}
@@ -79,4 +79,4 @@ def test_what_is_current(tmp_path: Path, way: str, api: str, package: str) -> No
 
 def test_no_library(tmp_path: Path) -> None:
     """If nothing draws, no context is reported and no library is loaded."""
-    assert asked(tmp_path, "") == [{}, {}, {}]
+    assert contexts(tmp_path, "") == [{}, {}, {}]

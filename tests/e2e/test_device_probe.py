@@ -52,7 +52,7 @@ def doctor(libraries: Path, environment: Path) -> Doctor:
     return run
 
 
-def said(document: dict[str, Any]) -> list[str]:
+def rendering_findings(document: dict[str, Any]) -> list[str]:
     """Return the texts of the findings about rendering."""
     return [one["text"] for one in document["findings"] if one["check"] == "rendering"]
 
@@ -68,16 +68,16 @@ def test_each_device_is_asked(doctor: Doctor) -> None:
         (None, None),
     ]
     assert all(one["renderer"] for one in devices if "missing" not in one)
-    assert (code, said(document)) == (0, [])
+    assert (code, rendering_findings(document)) == (0, [])
     assert [one["device"] for one in document["rendering"]["selected"]] == [0] * 5
 
 
-def test_what_a_setting_selects(doctor: Doctor) -> None:
+def test_a_variable_breaks_only_robosuite(doctor: Doctor) -> None:
     """CUDA_VISIBLE_DEVICES=3 breaks only robosuite, as a known failure; the finding names the variable."""
     code, document = doctor("0,1", CUDA_VISIBLE_DEVICES="3")
 
     wrong = "RuntimeError: The MUJOCO_EGL_DEVICE_ID environment variable must be an integer between 0 and 1 (inclusive)"
-    assert (code, said(document)) == (
+    assert (code, rendering_findings(document)) == (
         1,
         [f"robosuite 1.4, 1.5 cannot draw here: {wrong}, got 3. (the number is that of CUDA_VISIBLE_DEVICES=3)"],
     )

@@ -24,11 +24,11 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("python3", "python3.77"):
         (folder / name).symlink_to(BASE)
     monkeypatch.setenv("PATH", str(folder))
-    assert found(tmp_path) == {BASE}
+    assert other_pythons(tmp_path) == {BASE}
     return folder
 
 
-def found(tmp_path: Path) -> set[Path]:
+def other_pythons(tmp_path: Path) -> set[Path]:
     """Return the Pythons found besides the one that runs this test."""
     return set(python_discovery.candidates(tmp_path / "managed")[1:])
 
@@ -45,14 +45,14 @@ def test_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a change the remembered Pythons are used, and nothing is searched."""
     monkeypatch.setitem(sys.modules, "findpython", None)
 
-    assert found(tmp_path) == {BASE}
+    assert other_pythons(tmp_path) == {BASE}
 
 
 def test_broken_memory(tmp_path: Path) -> None:
     """A damaged memory is ignored."""
     (tmp_path / "cache/candidates.json").write_text("{")
 
-    assert found(tmp_path) == {BASE}
+    assert other_pythons(tmp_path) == {BASE}
 
 
 def test_link_that_leads_elsewhere(place: Path, tmp_path: Path) -> None:
@@ -61,12 +61,12 @@ def test_link_that_leads_elsewhere(place: Path, tmp_path: Path) -> None:
     first, second = (executable(tmp_path / name / "python3.78") for name in ("a", "b"))
     middle.symlink_to(first.parent)
     (place / "python3.78").symlink_to(middle / "python3.78")
-    assert found(tmp_path) == {BASE, first}
+    assert other_pythons(tmp_path) == {BASE, first}
 
     middle.unlink()
     middle.symlink_to(second.parent)
 
-    assert found(tmp_path) == {BASE, second}
+    assert other_pythons(tmp_path) == {BASE, second}
 
 
 @pytest.mark.parametrize(
@@ -84,10 +84,10 @@ def test_new_one(tmp_path: Path, name: str) -> None:
     """A new Python in a folder is found, also if the folder was there first, as in a long build."""
     path = tmp_path / name
     path.parent.mkdir(parents=True, exist_ok=True)
-    assert found(tmp_path) == {BASE}
+    assert other_pythons(tmp_path) == {BASE}
 
     executable(path)
-    assert found(tmp_path) == {BASE, path}
+    assert other_pythons(tmp_path) == {BASE, path}
 
     path.unlink()
-    assert found(tmp_path) == {BASE}
+    assert other_pythons(tmp_path) == {BASE}

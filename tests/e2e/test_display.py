@@ -141,7 +141,9 @@ def test_ends_with_the_harness(tmp_path: Path) -> None:
         ("kill -11 $$", "Xvfb crashed with signal 11"),
     ],
 )
-def test_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, reason: str) -> None:
+def test_a_display_that_does_not_start_is_reported_in_its_own_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str, reason: str
+) -> None:
     """A display that does not start is reported in the server's own words."""
     server(tmp_path, script, monkeypatch)
 
@@ -151,7 +153,7 @@ def test_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sc
     assert str(caught.value) == reason
 
 
-def test_that_dies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_display_that_ends_too_early_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A display that ends too early is lost, and its exit code is reported."""
     server(tmp_path, "echo 77 >&3; exit 3", monkeypatch)
 

@@ -56,7 +56,7 @@ def place(tmp_path: Path, host: Interpreter) -> Place:
     return Place(tmp_path, host.path)
 
 
-def told(made: dict[str, Any], level: str = "warning") -> list[tuple[str, str]]:
+def texts_of_findings(made: dict[str, Any], level: str = "warning") -> list[tuple[str, str]]:
     """Return check and text of each finding of a level."""
     return [(one["check"], one["text"]) for one in made["findings"] if one["level"] == level]
 
@@ -79,7 +79,7 @@ def test_nothing_is_wrong(place: Place) -> None:
 
     made = place.look()
 
-    assert (told(made), doctor.code(made)) == ([], 0)
+    assert (texts_of_findings(made), doctor.code(made)) == ([], 0)
     assert {name: one["version"] for name, one in made["imports"].items()} == {"numpy": "2.2.6", "gym": "0.26.2"}
 
 
@@ -104,7 +104,7 @@ def test_conflict(place: Place) -> None:
     made = place.look()
 
     error = "`import gym` fails: AttributeError: module 'numpy' has no attribute 'bool8'"
-    assert told(made) == [
+    assert texts_of_findings(made) == [
         ("import", error),
         ("requirements.conflict", "numpy 2.2.6 is not what gym 0.21.0 (numpy<2) needs"),
     ]
@@ -124,7 +124,7 @@ def test_a_file_of_ones_own(place: Place) -> None:
 
     made = place.look()
 
-    assert [(check, text.partition(":")[0]) for check, text in told(made)] == [
+    assert [(check, text.partition(":")[0]) for check, text in texts_of_findings(made)] == [
         ("import.shadowed", "the working folder hides mujoco of this environment"),
         ("import.shadowed", "the working folder hides queue of Python's own library"),
     ]
@@ -145,7 +145,8 @@ def test_broken_metadata(place: Place) -> None:
     made = place.look()
 
     found = [
-        (check, text.rpartition("site-packages/")[2].split(";")[0].partition(" in /")[0]) for check, text in told(made)
+        (check, text.rpartition("site-packages/")[2].split(";")[0].partition(" in /")[0])
+        for check, text in texts_of_findings(made)
     ]
     assert sorted(found) == [
         ("metadata.broken", "glfw-1.0.dist-info: its metadata names no version"),
@@ -155,7 +156,7 @@ def test_broken_metadata(place: Place) -> None:
         ("metadata.files", "imageio 1.0 lacks 1 of its files, such as imageio/__init__.py"),
     ]
     assert made["environment"]["packages"]["numpy"] == "1.0"
-    assert [check for check, _ in told(made, "note")] == ["metadata.leftover"]
+    assert [check for check, _ in texts_of_findings(made, "note")] == ["metadata.leftover"]
 
 
 def test_two_packages_with_the_same_files(place: Place) -> None:
@@ -168,12 +169,12 @@ def test_two_packages_with_the_same_files(place: Place) -> None:
         with zipfile.ZipFile(wheel) as archive:
             archive.extractall(place.site)
 
-    assert [(check, text.partition(" have")[0]) for check, text in told(place.look())] == [
+    assert [(check, text.partition(" have")[0]) for check, text in texts_of_findings(place.look())] == [
         ("modules.claimed", "opencv-python and opencv-python-headless")
     ]
 
 
-def test_what_dies_or_hangs(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_imports_that_die_or_hang_are_named(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
     """A crash, an exit and an endless import are each reported by name, and later modules are still tried."""
     monkeypatch.setattr(inspect_environment, "SECONDS", 2)
     place.put("numpy", "1.0", "import os; os.abort()")
@@ -193,12 +194,12 @@ def test_what_dies_or_hangs(place: Place, monkeypatch: pytest.MonkeyPatch) -> No
     }
 
 
-def test_what_fails_only_beside_another(place: Place) -> None:
+def test_an_import_that_fails_only_after_others(place: Place) -> None:
     """An import that fails only after others is tried alone, too, and the finding says so."""
     place.put("numpy", "1.0")
     place.put("gym", "1.0", "import sys\nassert 'numpy' not in sys.modules")
 
-    assert told(place.look()) == [
+    assert texts_of_findings(place.look()) == [
         ("import", "`import gym` fails once others are imported, and works alone: AssertionError")
     ]
 
@@ -214,7 +215,7 @@ def test_python_path(place: Place) -> None:
 
     made = place.look(PYTHONPATH=str(more))
 
-    assert [(check, text.partition(":")[0]) for check, text in told(made)] == [
+    assert [(check, text.partition(":")[0]) for check, text in texts_of_findings(made)] == [
         ("import.shadowed", f"PYTHONPATH ({more}) hides numpy of this environment"),
         ("probe.difference", "other versions than this environment's own are used here"),
     ]
@@ -230,7 +231,7 @@ def test_a_variable_that_breaks_an_import(place: Place, name: str, said: str) ->
 
     made = place.look(**others, **{name: "bad"})
 
-    assert told(made) == [
+    assert texts_of_findings(made) == [
         ("probe.difference", f"with {said} `import mujoco` fails: RuntimeError: no; without, it works")
     ]
 
@@ -254,7 +255,7 @@ def test_the_user_site(tmp_path: Path, other: Interpreter) -> None:
 
     made = place.look(HOME=str(tmp_path / "home"))
 
-    assert [text for _, text in told(made)] == [
+    assert [text for _, text in texts_of_findings(made)] == [
         f"the user site brings numpy from {user}, outside this environment",
         "with the user site `import numpy` fails: ImportError: of another Python; "
         "without, it fails: ModuleNotFoundError: No module named 'numpy'",
@@ -307,7 +308,7 @@ def test_conda(place: Place) -> None:
     made = place.look()
 
     assert made["environment"]["conda"] is True
-    assert told(made) == [
+    assert texts_of_findings(made) == [
         ("conda.overwritten", "conda says numpy 1.26.4 (py_0), but pip has put 2.2.6 over it"),
         ("conda.broken", "conda-meta/torn-1.0-0.json: it cannot be read"),
     ]
@@ -413,7 +414,7 @@ MEASURED = {"cells": [CELL], "locks": {"l": [["gym", "0.26.2"], ["numpy", "1.26.
     ],
     ids=["other-versions", "these-versions", "another-environment"],
 )  # fmt: skip
-def test_what_was_measured_is_said(place: Place, env: str | None, numpy: str, said: str) -> None:
+def test_measured_combinations_are_reported(place: Place, env: str | None, numpy: str, said: str) -> None:
     """Measured combinations are reported without a command to type; an environment never measured is named as such."""
     place.put("gym", "0.26.2")
     place.put("numpy", numpy)

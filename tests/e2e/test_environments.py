@@ -49,7 +49,7 @@ def ensure(host: Interpreter, offline_index: IndexSettings) -> Callable[..., Env
     return make
 
 
-def made(answer: Environment | Step) -> Environment:
+def expect_environment(answer: Environment | Step) -> Environment:
     """Return the answer, which must be an environment."""
     assert isinstance(answer, Environment), answer
     return answer
@@ -61,7 +61,7 @@ def site(environment: Environment) -> Path:
 
 
 @contextmanager
-def using(environment: Environment) -> Iterator[None]:
+def use_elsewhere(environment: Environment) -> Iterator[None]:
     """Let another process use the environment during the block."""
     code = "import sys, pathlib; from harness.machine.files import file_locks\n"
     code += "file_locks.use(pathlib.Path(sys.argv[1])); print('used', flush=True); sys.stdin.read()"
@@ -76,7 +76,7 @@ def using(environment: Environment) -> Iterator[None]:
 class TestContent:
     def test_lock_and_nothing_else(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
         """An environment holds the versions of its lock and no package more: no pip, no setuptools."""
-        environment = made(ensure(lock("fake-needs-plain")))
+        environment = expect_environment(ensure(lock("fake-needs-plain")))
 
         assert environment.installed == {"fake-needs-plain": "1.0", "fake-plain": "3.0"}
         assert sorted(path.name for path in site(environment).iterdir() if not path.name.startswith("_virtualenv")) == [
@@ -96,7 +96,7 @@ class TestContent:
         python = interpreters.find(version)
         if python is None:
             pytest.skip(f"unavailable: python{version}")
-        environment = made(ensure(lock("fake-plain", python=python), python=python))
+        environment = expect_environment(ensure(lock("fake-plain", python=python), python=python))
 
         assert site(environment).parent.name == f"python{version}"
         assert environment.installed == {"fake-plain": "3.0"}
@@ -105,13 +105,13 @@ class TestContent:
         """A lock without packages has an environment without packages."""
         empty = replace(lock("fake-plain"), pins=())
 
-        assert made(ensure(empty)).installed == {}
+        assert expect_environment(ensure(empty)).installed == {}
 
-    def test_bound_on_python_is_told(
+    def test_bound_on_python_is_a_finding(
         self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step], host: Interpreter
     ) -> None:
         """An upper bound on the Python version, which uv ignores, is a finding."""
-        assert [finding.text for finding in made(ensure(lock("fake-old-python"))).findings] == [
+        assert [finding.text for finding in expect_environment(ensure(lock("fake-old-python"))).findings] == [
             f"fake-old-python 1.0 requires Python <3.7: uv installs it on {host.version}, pip refuses"
         ]
 
@@ -140,26 +140,28 @@ class TestKey:
     ) -> None:
         """An sdist that is built again, after the cache was emptied, leads to the same key."""
         pinned = lock("fake-build-dependent")
-        first = made(ensure(pinned)).key
+        first = expect_environment(ensure(pinned)).key
         shutil.rmtree(tmp_path / "cache")
 
-        assert made(ensure(pinned)).key == first
+        assert expect_environment(ensure(pinned)).key == first
 
 
 class TestReuse:
     def test_second_time(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
         """An environment is made once and reused afterwards."""
         pinned = lock("fake-needs-plain")
-        first, second = made(ensure(pinned)), made(ensure(pinned))
+        first, second = expect_environment(ensure(pinned)), expect_environment(ensure(pinned))
 
         assert (first.reused, second.reused) == (False, True)
         assert (first.path, first.installed) == (second.path, second.installed)
 
     @pytest.mark.parametrize("defect", ["no-stamp", "another-key", "broken-stamp", "another-package", "no-python"])
-    def test_made_anew(self, defect: str, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
+    def test_a_damaged_environment_is_rebuilt(
+        self, defect: str, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
+    ) -> None:
         """An environment without the right stamp, or changed since, is removed and made anew, never synced over."""
         pinned = lock("fake-needs-plain")
-        environment = made(ensure(pinned))
+        environment = expect_environment(ensure(pinned))
         (site(environment) / "left_over.py").touch()
         stamp = environment.path / "stamp.json"
         match defect:
@@ -180,7 +182,7 @@ class TestReuse:
                 )
             case "no-python":
                 environment.python.unlink()
-        again = made(ensure(pinned))
+        again = expect_environment(ensure(pinned))
 
         assert not again.reused
         assert again.path == environment.path
@@ -195,16 +197,16 @@ class TestReuse:
     ) -> None:
         """If environments cannot be sealed, their files are copies: one with hard links is made again."""
         pinned = lock("fake-plain")
-        linked = made(ensure(pinned))
+        linked = expect_environment(ensure(pinned))
         shared = (site(linked) / "fake_plain.py").stat().st_nlink
         monkeypatch.setenv("HARNESS_SANDBOX", "subreaper")
-        copied = made(ensure(pinned))
+        copied = expect_environment(ensure(pinned))
 
         assert shared > 1
         assert not copied.reused
         assert (site(copied) / "fake_plain.py").stat().st_nlink == 1
 
-    def test_what_another_process_uses_stays(
+    def test_an_environment_in_use_stays(
         self,
         lock: Callable[..., Lock],
         ensure: Callable[..., Environment | Step],
@@ -212,13 +214,13 @@ class TestReuse:
     ) -> None:
         """An environment that another process uses is never deleted: its replacement is made beside it."""
         pinned = lock("fake-plain")
-        linked = made(ensure(pinned))
-        with using(linked):
+        linked = expect_environment(ensure(pinned))
+        with use_elsewhere(linked):
             monkeypatch.setenv("HARNESS_SANDBOX", "subreaper")
-            copied, again = made(ensure(pinned)), made(ensure(pinned))
+            copied, again = expect_environment(ensure(pinned)), expect_environment(ensure(pinned))
             environments.discard(linked)
             monkeypatch.delenv("HARNESS_SANDBOX")
-            anew = made(ensure(pinned))
+            anew = expect_environment(ensure(pinned))
             assert (site(linked) / "fake_plain.py").stat().st_nlink > 1
 
         assert not environments.is_intact(linked)
@@ -226,7 +228,10 @@ class TestReuse:
         assert (copied.reused, again.reused, again.path) == (False, True, copied.path)
         assert (site(copied) / "fake_plain.py").stat().st_nlink == 1
         assert (anew.path, anew.reused) == (copied.path, True)
-        assert (made(ensure(pinned)).path, made(ensure(pinned)).path) == (linked.path, linked.path)
+        assert (expect_environment(ensure(pinned)).path, expect_environment(ensure(pinned)).path) == (
+            linked.path,
+            linked.path,
+        )
 
     def test_two_at_once(
         self, lock: Callable[..., Lock], host: Interpreter, offline_index: IndexSettings, tmp_path: Path
@@ -257,9 +262,9 @@ class TestReinstall:
     ) -> None:
         """The same lock with an empty cache gives the same packages, file by file."""
         pinned = lock("fake-needs-plain", "fake-build-dependent")
-        first = made(ensure(pinned))
+        first = expect_environment(ensure(pinned))
         monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "elsewhere"))
-        second = made(ensure(pinned))
+        second = expect_environment(ensure(pinned))
 
         def content(environment: Environment) -> dict[str, bytes]:
             names = [path for path in site(environment).rglob("*") if path.is_file() and path.name != "uv_cache.json"]
@@ -306,7 +311,7 @@ class TestLogin:
         pinned = expect_lock(
             resolver.resolve(question("fake-plain", index=IndexSettings()), host, tmp_path / "state" / "x")
         )
-        environment = made(ensure(pinned, index=IndexSettings()))
+        environment = expect_environment(ensure(pinned, index=IndexSettings()))
 
         assert environment.installed == {"fake-plain": "1.0"}
         kept = [path.read_text() for path in (tmp_path / "state").rglob("*") if path.is_file()]
@@ -340,9 +345,9 @@ class TestDownloads:
             expect_lock(resolver.resolve(question(name, index=index), host, tmp_path / "state" / name))
             for name in ("fake-plain", "fake-needs-plain")
         ]
-        first = made(ensure(pins[0], index=index))
+        first = expect_environment(ensure(pins[0], index=index))
         asked.clear()
-        second = made(ensure(pins[1], index=index))
+        second = expect_environment(ensure(pins[1], index=index))
 
         assert (first.installed.keys(), second.installed.keys()) == ({"fake-plain"}, {"fake-plain", "fake-needs-plain"})
         assert [name for name in asked if name.endswith(".whl")] == ["fake_needs_plain-1.0-py3-none-any.whl"]
@@ -351,7 +356,7 @@ class TestDownloads:
 class TestDamage:
     def test_changed_files(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
         """Files that a cell wrote over, or removed, are found by the hashes of RECORD, each with its package."""
-        environment = made(ensure(lock("fake-needs-plain")))
+        environment = expect_environment(ensure(lock("fake-needs-plain")))
         assert environments.is_intact(environment, thorough=True)
         changed, gone = site(environment) / "fake_plain.py", site(environment) / "fake_needs_plain.py"
         text = changed.read_text()
@@ -366,11 +371,11 @@ class TestDamage:
         }
         assert not environments.is_intact(environment)
 
-    def test_what_is_no_code_is_looked_at_thoroughly(
+    def test_files_that_are_no_code_are_compared_by_hash_only_thoroughly(
         self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
     ) -> None:
         """A quick check compares sizes of files that are no code; a thorough one compares their hashes."""
-        environment = made(ensure(lock("fake-plain")))
+        environment = expect_environment(ensure(lock("fake-plain")))
         metadata = next(site(environment).glob("*.dist-info/WHEEL"))
         content = metadata.read_bytes()
         metadata.unlink()
@@ -380,11 +385,11 @@ class TestDamage:
         assert not environments.is_intact(environment, thorough=True)
 
     @pytest.mark.parametrize("how", ["garbage", "gone", "folder", "link"])
-    def test_an_environment_without_its_configuration_is_made_anew(
+    def test_an_environment_without_its_configuration_is_rebuilt(
         self, how: str, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
     ) -> None:
         """An environment without its pyvenv.cfg is made again: its Python finds nothing, and no package is at fault."""
-        first = made(ensure(lock("fake-plain")))
+        first = expect_environment(ensure(lock("fake-plain")))
         config = first.path / "pyvenv.cfg"
         config.unlink()
         match how:
@@ -396,19 +401,19 @@ class TestDamage:
                 config.symlink_to(config)
 
         assert not environments.is_intact(first)
-        again = made(ensure(lock("fake-plain")))
+        again = expect_environment(ensure(lock("fake-plain")))
         assert (again.reused, config.is_file(), environments.is_intact(again)) == (False, True, True)
 
     def test_uv_s_cache_is_doubted(self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]) -> None:
         """A wheel damaged in uv's cache is unpacked again and checked again."""
-        first = made(ensure(lock("fake-plain")))
+        first = expect_environment(ensure(lock("fake-plain")))
         good = (site(first) / "fake_plain.py").read_bytes()
         for kept in (uv_command.shared_cache() / "archive-v0").glob("*/fake_plain.py"):
             kept.unlink()
             kept.write_bytes(b"#" * len(good))
         environments.discard(first)
 
-        again = made(ensure(lock("fake-plain")))
+        again = expect_environment(ensure(lock("fake-plain")))
         assert (again.reused, again.findings) == (False, ())
         assert (site(again) / "fake_plain.py").read_bytes() == good
         assert environments.is_intact(again, thorough=True)
@@ -417,21 +422,21 @@ class TestDamage:
         self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
     ) -> None:
         """An install that fails is tried once more from fresh downloads."""
-        first = made(ensure(lock("fake-plain")))
+        first = expect_environment(ensure(lock("fake-plain")))
         for kept in (uv_command.shared_cache() / "archive-v0").glob("*/*.dist-info/WHEEL"):
             kept.unlink()
         environments.discard(first)
 
-        assert made(ensure(lock("fake-plain"))).findings == ()
+        assert expect_environment(ensure(lock("fake-plain"))).findings == ()
 
     def test_one_that_is_used_is_left_where_it_is(
         self, lock: Callable[..., Lock], ensure: Callable[..., Environment | Step]
     ) -> None:
         """A damaged environment in use is kept for its user: the next one is made beside it."""
-        first = made(ensure(lock("fake-plain")))
+        first = expect_environment(ensure(lock("fake-plain")))
         environments.discard(first, used=True)
 
-        again = made(ensure(lock("fake-plain")))
+        again = expect_environment(ensure(lock("fake-plain")))
         assert (again.path.name, first.path.is_dir()) == (f"{first.key}-1", True)
 
     def test_a_wheel_whose_record_is_wrong_is_no_damage(
@@ -447,7 +452,7 @@ class TestDamage:
         other.replace(wheel)
         assert wheel.read_bytes() != content
         asked = question(f"odd @ {wheel.as_uri()}", index=IndexSettings(no_index=True))
-        environment = made(ensure(expect_lock(resolver.resolve(asked, host, tmp_path / "state" / "x"))))
+        environment = expect_environment(ensure(expect_lock(resolver.resolve(asked, host, tmp_path / "state" / "x"))))
 
         assert [(found.check, found.level) for found in environment.findings] == [("install.record", Level.NOTE)]
         assert environments.is_intact(environment, thorough=True)

@@ -91,7 +91,7 @@ def environment(place: Path, version: str) -> str:
     return str(place / "env" / "bin" / "python")
 
 
-def test_what_a_worker_said_is_the_cause(place: Path) -> None:
+def test_the_error_of_a_worker_is_the_cause(place: Path) -> None:
     """A worker's own error is the cause, though its parent's error comes last.
 
     The known failure is matched with the packages of the command's interpreter.
@@ -164,7 +164,7 @@ def test_options_of_the_command_are_the_command_s(place: Path) -> None:
     assert done.stdout == b"['--json', '--python', 'x', '--', '-h']\n"
 
 
-def test_where_no_state_can_be_the_command_runs_all_the_same(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_command_runs_without_a_state_folder(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """If no state folder can be written, the command runs, and its output is kept in a temporary file."""
     monkeypatch.setenv("HARNESS_STATE", os.devnull + "/state")
     monkeypatch.setenv("TMPDIR", str(place))
@@ -258,7 +258,7 @@ def test_an_interruption_is_not_explained() -> None:
 
 
 @pytest.mark.usefixtures("place")
-def test_what_ends_us_ends_the_command() -> None:
+def test_a_signal_to_us_ends_the_command() -> None:
     """SIGTERM is passed on to the command, and the exit code says so."""
     code = "import os, time; print(os.getpid(), flush=True); time.sleep(50)"
     process = subprocess.Popen(
@@ -335,7 +335,7 @@ def test_unknown_is_an_answer() -> None:
         (("a.log", "--", "true"), "simmatrix: explain: a FILE or a command, not both: a.log stands before --\n"),
     ],
 )  # fmt: skip
-def test_bad_input_is_told(place: Path, arguments: tuple[str, ...], message: str) -> None:
+def test_bad_input_is_refused_in_one_line(place: Path, arguments: tuple[str, ...], message: str) -> None:
     """Bad input is reported in one line, with code 2."""
     (place / "a.log").write_text("ValueError: no wings\n")
     done = explain(*arguments)

@@ -280,7 +280,7 @@ class TestTrouble:
         ],
         ids=["500", "401", "cut off", "nonsense"],
     )
-    def test_a_lasting_trouble_is_told_in_a_sentence(
+    def test_a_lasting_trouble_is_reported_in_a_sentence(
         self, server: Server, reply: Any, attempts: int, reason: str
     ) -> None:
         """A lasting trouble of an index is reported in a sentence, and never means an absent package."""
@@ -316,14 +316,14 @@ class TestTrouble:
         with pytest.raises(IndexUnreachable, match="the answer is no index page"):
             releases("pole", page(server, bomb))
 
-    def test_who_is_ended_waits_for_no_answer(self, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_an_interrupted_command_waits_for_no_answer(self, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
         """After the command has been ended, no thread waits for an index."""
         monkeypatch.setattr(process, "stopped", lambda: True)
 
         with pytest.raises(IndexUnreachable, match="interrupted"):
             releases("pole", page(server, drip))
 
-    def test_a_closed_port_is_told_without_the_login(self) -> None:
+    def test_a_closed_port_is_reported_without_the_login(self) -> None:
         """A closed port is reported with the address, but without its password."""
         server = Server()
         server.close()
@@ -335,7 +335,7 @@ class TestTrouble:
             "no connection; check the network and the index settings of uv and pip"
         )
 
-    def test_an_absent_folder_is_told(self, tmp_path: Path) -> None:
+    def test_an_absent_folder_is_reported(self, tmp_path: Path) -> None:
         """An absent find-links folder is a trouble of this machine."""
         with pytest.raises(IndexUnreachable) as raised:
             releases("pole", IndexSettings(find_links=(str(tmp_path / "gone"),)))

@@ -84,11 +84,11 @@ class TestFind:
         assert find(str(fresh / "env/bin/python")) == find(str(fresh / "env")) == find(str(BASE))
 
     @pytest.mark.parametrize("request_", ["3.6", "3.99", "3.11.99", "pypy2.7", "nonsense", "./gone", "/etc"])
-    def test_what_is_not_here_is_not_found(self, request_: str) -> None:
+    def test_an_absent_python_is_not_found(self, request_: str) -> None:
         """An old, absent or unreadable request gives nothing, no exception."""
         assert find(request_) is None
 
-    def test_what_is_no_python_is_not_found(self, fresh: Path) -> None:
+    def test_a_program_that_is_no_python_is_not_found(self, fresh: Path) -> None:
         """A script that fails and a file that cannot run at all are no interpreters."""
         script(fresh / "refuses", "echo no >&2", "exit 127")
         (fresh / "python3").write_text("text")
@@ -153,7 +153,7 @@ class TestDiscovery:
 
         assert times == [1, 1, 2]
 
-    def test_a_broken_cache_is_made_anew(self, monkeypatch: pytest.MonkeyPatch, fresh: Path) -> None:
+    def test_a_broken_cache_is_rebuilt(self, monkeypatch: pytest.MonkeyPatch, fresh: Path) -> None:
         """A cache file that cannot be read costs time, nothing else."""
         monkeypatch.setenv("HARNESS_CACHE", str(fresh / "cache"))
         before = find("host")
@@ -195,7 +195,7 @@ def calls_of(calls: Path) -> list[str]:
 
 
 class TestObtain:
-    def test_what_is_here_is_not_downloaded(self) -> None:
+    def test_an_interpreter_that_is_here_is_not_downloaded(self) -> None:
         """`obtain` downloads nothing if `find` finds an interpreter."""
         assert obtain("host") == find("host")
 

@@ -191,7 +191,7 @@ class TestSupplied:
     )
     def test_with_egl(self, given: dict[str, str], expected: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
         """Variables for rendering are supplied, but never over a given value, not even an empty one."""
-        _here(monkeypatch, egl={}, display={"server": "virtual"})
+        _pretend_parts(monkeypatch, egl={}, display={"server": "virtual"})
 
         assert this_machine.choose_variables(given) == expected
 
@@ -217,19 +217,19 @@ class TestSupplied:
         monkeypatch: pytest.MonkeyPatch,
     ) -> None:
         """A display is supplied if something draws on one, under a name that is the same on every machine."""
-        _here(monkeypatch, egl={}, display={"server": "virtual"})
+        _pretend_parts(monkeypatch, egl={}, display={"server": "virtual"})
 
         assert this_machine.choose_variables(given, needs, packages).get("DISPLAY") == ("virtual" if shown else None)
 
     def test_without_any(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """If nothing can render, no way of rendering is supplied."""
-        _here(monkeypatch)
+        _pretend_parts(monkeypatch)
 
         assert this_machine.choose_variables({"MUJOCO_GL": "glfw"}) == {"SDL_VIDEODRIVER": "dummy"}
 
     def test_with_a_display_alone(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Without EGL and OSMesa, MuJoCo draws on the display."""
-        _here(monkeypatch, display={"server": "virtual"})
+        _pretend_parts(monkeypatch, display={"server": "virtual"})
 
         expected = {"MUJOCO_GL": "glfw", "SDL_VIDEODRIVER": "dummy", "DISPLAY": "virtual"}
         assert this_machine.choose_variables({}) == expected
@@ -287,7 +287,7 @@ class TestMissing:
         ({}, {"pyglet": "2.0.1"}, {"egl", "display"}, {}),
     ],
 )
-def test_what_cannot_be_drawn(
+def test_a_missing_way_of_drawing_is_the_machines_fault(
     variables: dict[str, str],
     packages: dict[str, str],
     capabilities: set[str],
@@ -295,12 +295,12 @@ def test_what_cannot_be_drawn(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A way of drawing that the variables or the packages choose and the machine lacks is the machine's fault."""
-    _here(monkeypatch, **{name: {} for name in capabilities})
+    _pretend_parts(monkeypatch, **{name: {} for name in capabilities})
 
     assert this_machine.explain_undrawable(variables, packages) == told
 
 
-def _here(monkeypatch: pytest.MonkeyPatch, **parts: dict[str, str]) -> None:
+def _pretend_parts(monkeypatch: pytest.MonkeyPatch, **parts: dict[str, str]) -> None:
     """Pretend that this machine has these parts and no other."""
     here = this_machine.Machine(id="here", facts=parts, capabilities=frozenset(parts))
     monkeypatch.setattr(this_machine, "facts", cache(lambda: here))

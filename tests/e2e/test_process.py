@@ -274,7 +274,9 @@ class TestPrivacy:
         }
         assert (tmp_path / "tmp").is_dir()
 
-    def test_who_removes_home_keeps_its_temporary_folder(self, sandbox: str, python: Build, tmp_path: Path) -> None:
+    def test_a_command_that_removes_home_keeps_its_temporary_folder(
+        self, sandbox: str, python: Build, tmp_path: Path
+    ) -> None:
         """Python falls back to no folder of the machine, and can still write to its own."""
         code = "import os, tempfile; os.rename(os.environ['HOME'], os.environ['HOME'] + '.gone'); "
         code += "open(os.path.join(os.environ['TMPDIR'], 'x'), 'w').close(); print(tempfile.gettempdir())"
@@ -358,7 +360,7 @@ class TestSealed:
         monkeypatch.setenv(process.FORCED, request.param)
 
     @pytest.mark.usefixtures("overlay")
-    def test_writes_are_kept_out_and_told(self, python: Build, sealed: Path, tmp_path: Path) -> None:
+    def test_writes_are_kept_out_and_reported(self, python: Build, sealed: Path, tmp_path: Path) -> None:
         """A writer into its environment succeeds, is reported, and changes neither folder nor hard-linked twin."""
         before = contents(sealed)
 

@@ -94,25 +94,25 @@ def test_a_release_is_driven_as_a_user_drives_it(
     """Every check passes with known findings only, and each value equals that of a loop by hand."""
     asked = cell(release, tmp_path)
     record = runner.measure(asked)
-    ended = seen(record)
+    ended = outcomes_of(record)
     assert {check: how for check, how in ended.items() if check not in MISLEADING} == {
-        check: wanted(check, release) for check in asked.cases[0].checks if check not in MISLEADING
+        check: expected_outcome(check, release) for check in asked.cases[0].checks if check not in MISLEADING
     }
     assert {how for check, (how, _) in ended.items() if check in MISLEADING} <= {"passed", "skipped"}
     assert surprising(record, release) == []
-    told = witnessed(runner, asked, release)
-    assert unknown([told_of(*one) for one in told["complaints"]], release) == []
+    told = results_both_ways(runner, asked, release)
+    assert unknown([words_of(*one) for one in told["complaints"]], release) == []
     assert len(told["adapter"]) > 1
     assert told["adapter"] == told["by_hand"]
     assert described(told["adapter"][0][0]) == release.get("observation", described(told["by_hand"][0][0]))
 
 
-def wanted(check: str, release: dict[str, Any]) -> tuple[str, str | None]:
+def expected_outcome(check: str, release: dict[str, Any]) -> tuple[str, str | None]:
     """Return the expected outcome of a check."""
     return ("skipped" if check in release.get("skipped", ()) else "passed"), None
 
 
-def seen(record: CellRecord) -> dict[str, tuple[str, str | None]]:
+def outcomes_of(record: CellRecord) -> dict[str, tuple[str, str | None]]:
     """Return the outcome of each check, with its decisive line if it went wrong."""
     steps = [step for step in (record.resolve, record.install) if step and step.outcome is not Outcome.PASSED]
     if steps and steps[0].outcome is Outcome.UNAVAILABLE and "build of torch" in (steps[0].decisive or ""):
@@ -135,14 +135,14 @@ def unknown(texts: list[str], release: dict[str, Any]) -> list[str]:
     return [text for text in texts if not any(re.search(one, text) for one in release.get("findings", ()))]
 
 
-def told_of(code: str, data: dict[str, Any]) -> str:
+def words_of(code: str, data: dict[str, Any]) -> str:
     """Return an observation of an adapter in words."""
     named = {name: value for name, value in data.items() if name not in {"got", "promised", "at", "level"}}
     plain = {"code": code, "got": data.get("got"), "promised": data.get("promised"), "data": named}
     return words.in_words(plain) or code
 
 
-def witnessed(runner: ControlledRunner, asked: Cell, release: dict[str, Any]) -> dict[str, Any]:
+def results_both_ways(runner: ControlledRunner, asked: Cell, release: dict[str, Any]) -> dict[str, Any]:
     """Return the results of the adapter and of a loop by hand, both run inside the cell."""
     installing = replace(runner.runner, settings=Settings(until=Phase.INSTALL))
     ready = installing.prepare(replace(asked, cases=()))

@@ -73,7 +73,7 @@ def newest(python: Callable[..., str]) -> str:
 
 
 @pytest.fixture
-def drawn(probe, newest: str, libraries: Path):
+def draw_on(probe, newest: str, libraries: Path):
     """Return a function that draws with an environment on these devices."""
 
     def run(devices: str, api: str, env: str, **variables: str):
@@ -99,12 +99,12 @@ def test_one_real_device(probe, newest: str) -> None:
         assert told["memory"] == "unavailable: no libnvidia-ml.so.1: no NVIDIA driver here"
 
 
-def test_another_device_than_was_asked_for(drawn) -> None:
+def test_another_device_than_was_asked_for(draw_on) -> None:
     """A drawing on another device than requested fails, and names the setting.
 
     It also shows whose memory grew, for the workers of a vector environment too.
     """
-    done = drawn("1,0,-", "gymnasium", "InvertedPendulum-v5", CUDA_VISIBLE_DEVICES="3")
+    done = draw_on("1,0,-", "gymnasium", "InvertedPendulum-v5", CUDA_VISIBLE_DEVICES="3")
 
     check = done[CHECK]
     assert (check.outcome, check.raised.message, check.raised.blame) == (
@@ -121,63 +121,63 @@ def test_another_device_than_was_asked_for(drawn) -> None:
     ]
 
 
-def test_a_place_of_egl_s_that_is_another_gpu(drawn) -> None:
+def test_a_place_of_egl_s_that_is_another_gpu(draw_on) -> None:
     """MUJOCO_EGL_DEVICE_ID=1 overrides CUDA_VISIBLE_DEVICES=0; the numbers of EGL and CUDA differ here."""
-    done = drawn("1,0,-", "mujoco", "mujoco:markers", CUDA_VISIBLE_DEVICES="0", MUJOCO_EGL_DEVICE_ID="1")
+    done = draw_on("1,0,-", "mujoco", "mujoco:markers", CUDA_VISIBLE_DEVICES="0", MUJOCO_EGL_DEVICE_ID="1")
 
     where = "on EGL device 0 (CUDA device 1), which MUJOCO_EGL_DEVICE_ID=1 named"
     assert done[CHECK].raised.message == f"asked for device 0 by CUDA_VISIBLE_DEVICES=0, drew {where}"
 
 
-def test_the_device_that_was_asked_for(drawn) -> None:
+def test_the_device_that_was_asked_for(draw_on) -> None:
     """A drawing on the requested device passes; different numbers in EGL and CUDA are a finding."""
-    done = drawn("1,0,-", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="0")
+    done = draw_on("1,0,-", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="0")
 
     assert done[CHECK].outcome is Outcome.PASSED
     assert done[CHECK].facts["told"]["workers"]["skipped"]["code"] == "skip.no_batches"
     assert done.findings == {CHECK: ["EGL device 1 is CUDA device 0, and MUJOCO_EGL_DEVICE_ID may mean either"]}
 
 
-def test_a_place_among_the_visible_devices(drawn) -> None:
+def test_a_place_among_the_visible_devices(draw_on) -> None:
     """A number may count what CUDA_VISIBLE_DEVICES leaves, as it does in MuJoCo 4."""
-    done = drawn("0,1", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="0", CUDA_VISIBLE_DEVICES="1")
+    done = draw_on("0,1", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="0", CUDA_VISIBLE_DEVICES="1")
 
     assert done[CHECK].outcome is Outcome.PASSED
     assert done[CHECK].facts["told"]["got"]["index"] == 1
 
 
-def test_a_device_without_a_number_of_cuda(drawn) -> None:
+def test_a_device_without_a_number_of_cuda(draw_on) -> None:
     """CUDA_VISIBLE_DEVICES does not apply to a device without a CUDA number."""
-    done = drawn("1,0,-", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="2", CUDA_VISIBLE_DEVICES="5")
+    done = draw_on("1,0,-", "mujoco", "mujoco:markers", MUJOCO_EGL_DEVICE_ID="2", CUDA_VISIBLE_DEVICES="5")
 
     assert done[CHECK].outcome is Outcome.PASSED
     assert done[CHECK].facts["told"]["got"]["index"] == 2
 
 
 @pytest.mark.parametrize("devices", LISTS)
-def test_mujoco_does_as_foretold(devices: str, newest: str, libraries: Path) -> None:
+def test_mujoco_draws_as_predicted(devices: str, newest: str, libraries: Path) -> None:
     """MuJoCo draws on the predicted device, or fails with the predicted message.
 
     Several devices, in CUDA's order or not, a broken one, and more than are examined.
     """
-    got = witnessed(newest, "mujoco", devices, SETTINGS, libraries)
+    got = witness_devices(newest, "mujoco", devices, SETTINGS, libraries)
 
-    assert got == [foretold("mujoco", MUJOCO, devices, one, None) for one in SETTINGS]
+    assert got == [predict("mujoco", MUJOCO, devices, one, None) for one in SETTINGS]
 
 
 if os.environ.get("ENDURANCE"):  # robosuite is large
 
     @pytest.mark.parametrize("devices", LISTS)
-    def test_robosuite_does_as_foretold(devices: str, python: Callable[..., str], libraries: Path) -> None:
+    def test_robosuite_draws_as_predicted(devices: str, python: Callable[..., str], libraries: Path) -> None:
         """robosuite's own function does as predicted, with a MuJoCo release that does not know CUDA numbers."""
         site = python(f"robosuite=={ROBOSUITE}", f"mujoco=={OLDER}", "numpy==1.26.4", "gymnasium==1.0.0")
 
-        got = witnessed(site, "robosuite", devices, ROBOSUITES, libraries)
+        got = witness_devices(site, "robosuite", devices, ROBOSUITES, libraries)
 
-        assert got == [foretold("robosuite", ROBOSUITE, devices, one, OLDER) for one in ROBOSUITES]
+        assert got == [predict("robosuite", ROBOSUITE, devices, one, OLDER) for one in ROBOSUITES]
 
 
-def foretold(library: str, release: str, devices: str, settings: Settings, mujoco: str | None) -> list[Any]:
+def predict(library: str, release: str, devices: str, settings: Settings, mujoco: str | None) -> list[Any]:
     """Return the predicted device, error and stage."""
     known = [
         Device(cuda=None if word[0] == "-" else int(word.rstrip("!")), works=not word.endswith("!"))
@@ -187,7 +187,7 @@ def foretold(library: str, release: str, devices: str, settings: Settings, mujoc
     return [found.device, found.error, str(found.stage) if found.error else "make"]
 
 
-def witnessed(python: str, library: str, devices: str, asked: list[Settings], libraries: Path) -> list[list[Any]]:
+def witness_devices(python: str, library: str, devices: str, asked: list[Settings], libraries: Path) -> list[list[Any]]:
     """Return a library's device, error and stage on these devices, for each of the settings in its own process."""
     base = {"PATH": os.defpath, "MUJOCO_GL": "egl", **standin.variables(libraries, devices)}
     found = []

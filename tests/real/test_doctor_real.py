@@ -38,7 +38,7 @@ def make(tmp_path: Path) -> Make:
     return make
 
 
-def looked(folder: Path, *arguments: str, **variables: str) -> dict[str, Any]:
+def doctor_document(folder: Path, *arguments: str, **variables: str) -> dict[str, Any]:
     """Return the document of `doctor`, which must have changed nothing."""
     before = {path: path.lstat().st_mtime_ns for path in folder.rglob("*")}
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("MUJOCO", "PYOPENGL"))}
@@ -52,7 +52,7 @@ def looked(folder: Path, *arguments: str, **variables: str) -> dict[str, Any]:
 
 def test_gym_beside_numpy_2(make: Make) -> None:
     """The first step fails in place; cause, remedy and a measured environment with numpy 1 are named."""
-    made = looked(make("3.11", "gym==0.26.2", "numpy==2.2.6"), "--env", "CartPole-v1")
+    made = doctor_document(make("3.11", "gym==0.26.2", "numpy==2.2.6"), "--env", "CartPole-v1")
 
     assert made["decisive"] == "CartPole-v1: single failed: AttributeError: module 'numpy' has no attribute 'bool8'"
     assert made["diagnoses"][0]["signature"] == "numpy2-bool8-gym-checker"
@@ -68,7 +68,7 @@ def test_another_libmujoco(make: Make) -> None:
     other.mkdir()
     shutil.copy(library, other)
 
-    made = looked(folder, LD_LIBRARY_PATH=str(other))
+    made = doctor_document(folder, LD_LIBRARY_PATH=str(other))
 
     (difference,) = made["differences"]
     assert (difference["kind"], difference["by"]) == ("libraries", ["LD_LIBRARY_PATH"])

@@ -58,7 +58,7 @@ def make(ask: Callable[..., tuple[Question, Lock | Step]]) -> Callable[..., Envi
     return ensure
 
 
-def said(environment: Environment, code: str, folder: Path) -> str:
+def output_of(environment: Environment, code: str, folder: Path) -> str:
     """Return the output of a line of Python in an environment."""
     command = process.Command(
         argv=(str(environment.python), "-c", code),
@@ -108,7 +108,7 @@ def test_split_package_in_turn(make: Callable[..., Environment], tmp_path: Path)
     """mujoco 4.0, split into three packages, and 3.17 in turn: each environment imports what its lock says."""
     python = find("3.11")
     seen = [
-        said(make(python, f"mujoco=={version}"), "import mujoco; print(mujoco.__version__)", tmp_path)
+        output_of(make(python, f"mujoco=={version}"), "import mujoco; print(mujoco.__version__)", tmp_path)
         for version in ("4.0.0", "3.17.0", "4.0.0")
     ]
 
@@ -157,7 +157,7 @@ def test_old_sdist_is_built(make: Callable[..., Environment], tmp_path: Path) ->
     """An old sdist is built: gym 0.26 has no wheel, and imports afterwards."""
     environment = make(find("3.9"), "gym==0.26.2", "numpy<2")
 
-    assert said(environment, "import gym; print(gym.__version__)", tmp_path).splitlines()[-1] == "0.26.2"
+    assert output_of(environment, "import gym; print(gym.__version__)", tmp_path).splitlines()[-1] == "0.26.2"
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,7 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
 
 
 @pytest.fixture
-def tried(probe, python):
+def run_checks(probe, python):
     """Return a function that runs checks of an environment in a site."""
 
     def run(
@@ -100,11 +100,11 @@ def outcomes(done) -> dict[str, Outcome | None]:
         (NEWEST, "Ant-v5"),
     ],
 )
-def test_good_environments_pass(site: str, env: str, tried) -> None:
+def test_good_environments_pass(site: str, env: str, run_checks) -> None:
     """Every check of a good environment passes; only the files that the key is made of are loaded."""
     if env.startswith("Ant") and find_library("EGL") is None:
         pytest.skip("missing library: libEGL")
-    done = tried(site, env)
+    done = run_checks(site, env)
     assert outcomes(done) == dict.fromkeys(ALL, Outcome.PASSED)
     assert (done.reply.complete, done.reply.problems) == (True, ())
     assert set(done.findings) <= {
@@ -118,9 +118,9 @@ def test_good_environments_pass(site: str, env: str, tried) -> None:
     assert done.reply.modules == loaded(SITES[site][1], ALL)
 
 
-def test_old_environments_pass(tried) -> None:
+def test_old_environments_pass(run_checks) -> None:
     """Environments of gym before 0.18 pass: float64 instead of the promised float32 stops no loop."""
-    done = tried(CLASSIC, "Pendulum-v0", checks=ALL[:-1])
+    done = run_checks(CLASSIC, "Pendulum-v0", checks=ALL[:-1])
     assert outcomes(done) == dict.fromkeys(ALL[:-1], Outcome.PASSED)
     assert set(done.findings) == {"single.type"}
     assert done["single.check_env"].reason == "this gym has no checker"
@@ -131,9 +131,9 @@ WAYS = ("vector.async.spawn", "vector.async.forkserver", "vector.async.unshared"
 
 
 @pytest.mark.parametrize("site", [CLASSIC, NEWEST])
-def test_every_way_of_workers(site: str, tried) -> None:
+def test_every_way_of_workers(site: str, run_checks) -> None:
     """Every start method, without shared memory, with more environments than cores; workers import what is named."""
-    done = tried(site, "Troubled-v0", checks=WAYS, imports=("troubled",))
+    done = run_checks(site, "Troubled-v0", checks=WAYS, imports=("troubled",))
     assert {reply.check: reply.outcome for reply in done.reply.checks} == dict.fromkeys(WAYS, Outcome.PASSED)
     assert [len(done[check].workers) for check in WAYS[:3]] == [2, 2, 2]
     assert len(done[WAYS[3]].workers) >= 4
@@ -148,17 +148,17 @@ def test_every_way_of_workers(site: str, tried) -> None:
         (NEWEST, ["NEXT_STEP", "SAME_STEP", "DISABLED"], set()),
     ],
 )
-def test_episodes_end_in_a_batch_as_alone(site: str, modes: list[str], findings: set[str], tried) -> None:
+def test_episodes_end_in_a_batch_as_alone(site: str, modes: list[str], findings: set[str], run_checks) -> None:
     """Each environment of a batch does what it does alone, over episode ends, in each mode of the library."""
-    done = tried(site, "troubled:Troubled-v0", checks=("vector.autoreset",))
+    done = run_checks(site, "troubled:Troubled-v0", checks=("vector.autoreset",))
     assert done["vector.autoreset"].outcome is Outcome.PASSED
     assert done["vector.autoreset"].facts["modes"] == modes
     assert {name for name in done.findings if not name.endswith(".deprecation")} == findings
 
 
-def test_environments_that_share_something_differ_in_workers(tried) -> None:
+def test_environments_that_share_something_differ_in_workers(run_checks) -> None:
     """A generator that all environments of a process share makes another batch of the same seeds."""
-    done = tried(
+    done = run_checks(
         NEWEST, "troubled:Troubled-v0", "shared", checks=("vector.sync", "vector.async.fork", "vector.autoreset")
     )
     assert {reply.outcome for reply in done.reply.checks} == {Outcome.PASSED}
@@ -179,37 +179,37 @@ def test_environments_that_share_something_differ_in_workers(tried) -> None:
         ("noinfo", "step() returned None as info, not a dict"),
     ],
 )
-def test_the_new_api_in_an_old_gym_fails(mode: str, message: str, tried) -> None:
+def test_the_new_api_in_an_old_gym_fails(mode: str, message: str, run_checks) -> None:
     """Results of the new API in an old gym fail: a loop of four values cannot use them."""
-    raised = tried(CLASSIC, "troubled:Troubled-v0", mode, checks=("single.loop",))["single.loop"].raised
+    raised = run_checks(CLASSIC, "troubled:Troubled-v0", mode, checks=("single.loop",))["single.loop"].raised
     assert (raised.blame, raised.message) == ("library", message)
 
 
-def test_a_seed_that_is_not_heeded(tried) -> None:
+def test_a_seed_that_is_not_heeded(run_checks) -> None:
     """Before gym 0.26 seed() may do nothing: the trajectories of one seed differ."""
-    done = tried(CLASSIC, "troubled:Troubled-v0", "deaf", checks=("single.loop",))
+    done = run_checks(CLASSIC, "troubled:Troubled-v0", "deaf", checks=("single.loop",))
     assert done["single.loop"].outcome is Outcome.PASSED
     assert {"single.repeat.fresh", "single.repeat.same"} <= set(done.findings)
 
 
 @pytest.mark.parametrize("check", ALL[1:])
-def test_a_check_alone(check: str, tried) -> None:
+def test_a_check_alone(check: str, run_checks) -> None:
     """Each check can be asked for by itself, as after the death of a process, and loads what its key says."""
-    done = tried(NEWEST, "CartPole-v1", checks=(check,))
+    done = run_checks(NEWEST, "CartPole-v1", checks=(check,))
     assert outcomes(done) == {check: Outcome.PASSED}
     assert done.reply.modules == loaded("gymnasium", (check,))
 
 
-def test_another_process_has_the_same_trajectory(tried, tmp_path: Path) -> None:
+def test_another_process_has_the_same_trajectory(run_checks, tmp_path: Path) -> None:
     """`single.repeat` gives what `single.loop` gave in another process."""
-    first = tried(NEWEST, "Ant-v5", checks=("single.loop",))["single.loop"].facts["trajectory"]
+    first = run_checks(NEWEST, "Ant-v5", checks=("single.loop",))["single.loop"].facts["trajectory"]
     (tmp_path / "reply").rename(tmp_path / "before")
-    assert tried(NEWEST, "Ant-v5", checks=("single.repeat",))["single.repeat"].facts["trajectory"] == first
+    assert run_checks(NEWEST, "Ant-v5", checks=("single.repeat",))["single.repeat"].facts["trajectory"] == first
 
 
-def test_values_of_a_trajectory(tried) -> None:
+def test_values_of_a_trajectory(run_checks) -> None:
     """Observations, rewards and flags of the first steps, cut where they are many, and how many there were."""
-    values = tried(NEWEST, "Ant-v5", checks=("single.loop",))["single.loop"].facts["values"]
+    values = run_checks(NEWEST, "Ant-v5", checks=("single.loop",))["single.loop"].facts["values"]
     assert (values["steps"] >= 31, values["sizes"], len(values["entries"])) == (True, [105, 1, 1, 1], 14)
     assert [len(part) for part in values["entries"][1]] == [64, 1, 1, 1]
     assert abs(values["entries"][0][0][0] - 0.75) < 0.1  # the height of the torso
@@ -263,24 +263,24 @@ def test_pictures_in_numbers(site: str, env: str, api: str, probe, python) -> No
         ("step-sysexit", "3"),
     ],
 )
-def test_what_stops_a_loop_fails(mode: str, message: str | None, tried) -> None:
+def test_a_defect_that_stops_a_loop_fails(mode: str, message: str | None, run_checks) -> None:
     """An exception, a wrong arity, shape or dtype, a number that is not finite: failed, and the library's doing."""
-    reply = tried(NEWEST, "troubled:Troubled-v0", mode, checks=("single.loop",))["single.loop"]
+    reply = run_checks(NEWEST, "troubled:Troubled-v0", mode, checks=("single.loop",))["single.loop"]
     assert reply.outcome is Outcome.FAILED
     assert reply.raised is not None
     assert reply.raised.blame == "library"
     assert message is None or reply.raised.message == message
 
 
-def test_a_second_episode_is_begun(tried) -> None:
+def test_a_second_episode_is_begun(run_checks) -> None:
     """A loop too short for an episode's end begins another one all the same, as every training loop does."""
-    reply = tried(NEWEST, "troubled:Troubled-v0", "again-raise", checks=("single.loop",), steps=2)["single.loop"]
+    reply = run_checks(NEWEST, "troubled:Troubled-v0", "again-raise", checks=("single.loop",), steps=2)["single.loop"]
     assert (reply.outcome, reply.raised and reply.raised.message) == (Outcome.FAILED, "the true reason")
 
 
-def test_an_old_signature_is_the_librarys(tried) -> None:
+def test_an_old_signature_is_the_librarys(run_checks) -> None:
     """A TypeError raised in our own frame, for a call that every user makes, is not ours."""
-    raised = tried(NEWEST, "troubled:Old-v0", checks=("single.loop",))["single.loop"].raised
+    raised = run_checks(NEWEST, "troubled:Old-v0", checks=("single.loop",))["single.loop"].raised
     assert (raised.type, raised.blame) == ("TypeError", "library")
 
 
@@ -306,9 +306,9 @@ def test_an_old_signature_is_the_librarys(tried) -> None:
         ("close-raise", "single.teardown", "close() raised ValueError: the true reason"),
     ],
 )
-def test_lesser_things_are_findings(mode: str, check: str, text: str, tried) -> None:
+def test_lesser_things_are_findings(mode: str, check: str, text: str, run_checks) -> None:
     """Problems that do not stop a loop pass, with a finding."""
-    done = tried(NEWEST, "troubled:Troubled-v0", mode, checks=("single.loop",))
+    done = run_checks(NEWEST, "troubled:Troubled-v0", mode, checks=("single.loop",))
     assert done["single.loop"].outcome is Outcome.PASSED
     assert done.findings[check][0].startswith(text)
     if mode == "firstepisode":
@@ -328,9 +328,9 @@ def test_lesser_things_are_findings(mode: str, check: str, text: str, tried) -> 
         ("step-child-segv", (None, -11, "step")),
     ],
 )
-def test_workers_tell_their_own_end(site: str, mode: str, told, tried) -> None:
+def test_workers_tell_their_own_end(site: str, mode: str, told, run_checks) -> None:
     """Behind whatever the parent gets, each worker's own first exception, exit code or signal is known."""
-    done = tried(site, "troubled:Troubled-v0", mode, checks=("vector.sync", "vector.async.fork"))
+    done = run_checks(site, "troubled:Troubled-v0", mode, checks=("vector.sync", "vector.async.fork"))
     assert outcomes(done) == {"vector.sync": Outcome.PASSED, "vector.async.fork": Outcome.FAILED}
     workers = done["vector.async.fork"].workers
     assert len(workers) == 2
@@ -339,9 +339,11 @@ def test_workers_tell_their_own_end(site: str, mode: str, told, tried) -> None:
         assert any("Segmentation fault" in (worker.stacks or "") for worker in workers)
 
 
-def test_a_hanging_worker_is_seen(tried) -> None:
+def test_a_hanging_worker_is_seen(run_checks) -> None:
     """Workers that hang in their constructor leave how far they came and their stacks, though the parent is ended."""
-    done = tried(NEWEST, "troubled:Troubled-v0", "make-child-hang", checks=("vector.async.fork",), limit=1, deadline=6)
+    done = run_checks(
+        NEWEST, "troubled:Troubled-v0", "make-child-hang", checks=("vector.async.fork",), limit=1, deadline=6
+    )
     reply = done["vector.async.fork"]
     assert (done.returncode, reply.outcome) == (None, None)
     assert [worker.reached for worker in reply.workers] == ["constructor"] * 2
@@ -359,34 +361,34 @@ def test_a_hanging_worker_is_seen(tried) -> None:
         ("render-raise", "the true reason"),
     ],
 )
-def test_unusable_frames_fail(mode: str, message: str, tried) -> None:
+def test_unusable_frames_fail(mode: str, message: str, run_checks) -> None:
     """A frame that is no picture fails."""
-    reply = tried(NEWEST, "troubled:Troubled-v0", mode, checks=("render.rgb_array",))["render.rgb_array"]
+    reply = run_checks(NEWEST, "troubled:Troubled-v0", mode, checks=("render.rgb_array",))["render.rgb_array"]
     assert (reply.outcome, reply.raised and reply.raised.message) == (Outcome.FAILED, message)
 
 
-def test_an_alpha_channel_is_a_finding(tried) -> None:
+def test_an_alpha_channel_is_a_finding(run_checks) -> None:
     """A picture of four channels is judged without the fourth, which no user's loop stumbles over."""
-    done = tried(NEWEST, "troubled:Troubled-v0", "alpha", checks=("render.rgb_array",))
+    done = run_checks(NEWEST, "troubled:Troubled-v0", "alpha", checks=("render.rgb_array",))
     assert (done["render.rgb_array"].outcome, done["render.rgb_array"].facts["shape"]) == (Outcome.PASSED, [32, 48, 3])
     assert done.findings["render.alpha"] == ["render() returned a picture with an alpha channel, which was left out"]
 
 
-def test_a_package_that_lets_numpy_raise_is_no_fault_of_ours(tried) -> None:
+def test_a_package_that_lets_numpy_raise_is_no_fault_of_ours(run_checks) -> None:
     """Large numbers are compared even if a package makes numpy raise."""
-    reply = tried(NEWEST, "troubled:Troubled-v0", "raising", checks=("render.rgb_array",))["render.rgb_array"]
+    reply = run_checks(NEWEST, "troubled:Troubled-v0", "raising", checks=("render.rgb_array",))["render.rgb_array"]
     assert (reply.outcome, reply.raised) == (Outcome.PASSED, None)
 
 
-def test_nothing_to_render_is_skipped(tried) -> None:
+def test_nothing_to_render_is_skipped(run_checks) -> None:
     """An environment that declares no rgb_array is skipped, with the reason."""
-    reply = tried(NEWEST, "troubled:Blind-v0", checks=("render.rgb_array",))["render.rgb_array"]
+    reply = run_checks(NEWEST, "troubled:Blind-v0", checks=("render.rgb_array",))["render.rgb_array"]
     assert (reply.outcome, reply.reason) == (Outcome.SKIPPED, "the environment declares no render mode rgb_array")
 
 
-def test_a_missing_extra_fails(tried) -> None:
+def test_a_missing_extra_fails(run_checks) -> None:
     """Without pygame rendering fails: the lock lacks it, this machine does not."""
-    reply = tried("gymnasium 0.29.1", "CartPole-v1", checks=("render.rgb_array",))["render.rgb_array"]
+    reply = run_checks("gymnasium 0.29.1", "CartPole-v1", checks=("render.rgb_array",))["render.rgb_array"]
     assert (reply.outcome, reply.raised and reply.raised.type) == (
         Outcome.FAILED,
         "gymnasium.error.DependencyNotInstalled",

@@ -67,7 +67,7 @@ def test_the_workers_error_decides_and_a_known_remedy_cures(
     assert {outcome for outcome, _, _ in ended.values()} <= {Outcome.PASSED, Outcome.SKIPPED}
 
 
-def test_what_spares_the_parent_hides_the_error(cells: dict[str, Cell], runner: ControlledRunner) -> None:  # noqa: F811
+def test_sparing_the_parent_hides_the_error(cells: dict[str, Cell], runner: ControlledRunner) -> None:  # noqa: F811
     """With Diffusion Policy's `dummy_env_fn` the parent sees a mask; without it, the error itself."""
     record = runner.measure(cells[WHOLE])
     if record.unavailable:

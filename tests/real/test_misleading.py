@@ -57,7 +57,7 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], str]:
 
 
 @pytest.fixture
-def tried(probe, python):
+def run_loop(probe, python):
     """Return a function that runs the loop of an environment in a site, and draws it if asked.
 
     Checks that follow from these are included.
@@ -108,11 +108,11 @@ def line(reply) -> str | None:
         ("robosuite 1.4.1, mujoco 3.1.4", "robosuite:Lift", (), SKIPPED, "the camera is fixed in the model"),
     ],
 )
-def test_a_camera_looks_where_it_was_told_to(
-    site: str, env: str, imports: tuple[str, ...], outcome: Outcome, text: str, tried
+def test_a_camera_looks_where_it_is_pointed(
+    site: str, env: str, imports: tuple[str, ...], outcome: Outcome, text: str, run_loop
 ) -> None:
     """A free camera looks at what was written, and draws what was asked for; one of the model's own is not judged."""
-    camera = tried(site, env, imports=imports, drawn=True)["render.camera"]
+    camera = run_loop(site, env, imports=imports, drawn=True)["render.camera"]
     assert (camera.outcome, text in (line(camera) or "")) == (outcome, True), line(camera)
 
 
@@ -126,9 +126,9 @@ def test_a_camera_looks_where_it_was_told_to(
         (NEW, "written", PASSED),
     ],
 )
-def test_a_camera_of_ones_own(site: str, kind: str, outcome: Outcome, tried) -> None:
+def test_a_camera_of_ones_own(site: str, kind: str, outcome: Outcome, run_loop) -> None:
     """Cameras that MuJoCo itself places are right beside any numpy; one whose `lookat` is written is not."""
-    camera = tried(site, "followed:Followed", drawn=True, kind=kind)["render.camera"]
+    camera = run_loop(site, "followed:Followed", drawn=True, kind=kind)["render.camera"]
     assert camera.outcome is outcome, line(camera)
 
 
@@ -144,9 +144,9 @@ def test_a_camera_of_ones_own(site: str, kind: str, outcome: Outcome, tried) -> 
         ("robotics 1.4.2", "AdroitHandDoor-v1", SKIPPED),
     ],
 )
-def test_a_robot_starts_where_it_says(site: str, env: str, outcome: Outcome, tried) -> None:
+def test_a_robot_starts_where_it_says(site: str, env: str, outcome: Outcome, run_loop) -> None:
     """A reset puts the joints where the environment's own initial_qpos has them, if it steps no simulation."""
-    pose = tried(site, env, imports=ROBOTICS)["single.start_pose"]
+    pose = run_loop(site, env, imports=ROBOTICS)["single.start_pose"]
     assert pose.outcome is outcome, line(pose)
 
 
@@ -163,15 +163,17 @@ def test_a_robot_starts_where_it_says(site: str, env: str, outcome: Outcome, tri
         ("robotics 1.4.2", "HandManipulateBlock-v1", ROBOTICS, PASSED),
     ],
 )
-def test_a_robot_pushes_what_it_touches(site: str, env: str, imports: tuple[str, ...], outcome: Outcome, tried) -> None:
+def test_a_robot_pushes_what_it_touches(
+    site: str, env: str, imports: tuple[str, ...], outcome: Outcome, run_loop
+) -> None:
     """An object that a robot overlaps with is pushed out of it; an ant has nothing to push."""
-    contact = tried(site, env, imports=imports)["single.contact"]
+    contact = run_loop(site, env, imports=imports)["single.contact"]
     assert contact.outcome is outcome, (line(contact), contact.facts)
 
 
 @pytest.mark.parametrize(("site", "outcome"), [(NEW, PASSED), (NEWEST, FAILED)])
 @pytest.mark.parametrize("seed", [49, 90])
-def test_accelerations_do_not_depend_on_storage(site: str, seed: int, outcome: Outcome, tried) -> None:
+def test_accelerations_do_not_depend_on_storage(site: str, seed: int, outcome: Outcome, run_loop) -> None:
     """MuJoCo 4.0.0 computes other accelerations where the Jacobian of some trees of bodies is sparse."""
-    solver = tried(site, "tangled:Tangled", seed=seed)["single.solver"]
+    solver = run_loop(site, "tangled:Tangled", seed=seed)["single.solver"]
     assert (solver.outcome, solver.facts["sparse"]) == (outcome, True), line(solver)

@@ -132,7 +132,7 @@ def test_remedy_is_found_and_proven(cells: dict[str, Cell], label: str, change: 
         ),
     ],
 )
-def test_what_people_type(
+def test_remedies_of_typed_requirements_are_found(
     asked: tuple[str, ...],
     change: dict[str, Any],
     runs: int,

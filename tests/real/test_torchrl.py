@@ -71,7 +71,7 @@ def case(record: CellRecord, name: str) -> CaseRecord:
     return next(one for one in record.cases if one.case == name)
 
 
-def told(record: CellRecord, name: str) -> dict[str, dict[str, Any]]:
+def recorded_facts(record: CellRecord, name: str) -> dict[str, dict[str, Any]]:
     """Return the recorded facts of each check of a case."""
     checks = [check for phase in case(record, name).phases for check in phase.checks]
     return {check.check: dict(check.facts["told"]) for check in checks if "told" in check.facts}
@@ -88,7 +88,7 @@ def test_conversions_and_copies_are_counted(record: CellRecord) -> None:
 
     GymWrapper converts to numpy and back once, or never without its conversion. IsaacLabWrapper makes three copies.
     """
-    counted = {name: one["per_step"] for name, one in told(record, "fresh").items()}
+    counted = {name: one["per_step"] for name, one in recorded_facts(record, "fresh").items()}
     assert counted == {
         GYM: {"wrapper": {"cpu()": 1, "to numpy": 1}, "environment": {"from numpy": 1, "clone": 5}},
         GYM_TENSOR: {"environment": {"clone": 5}},
@@ -96,9 +96,9 @@ def test_conversions_and_copies_are_counted(record: CellRecord) -> None:
     }
 
 
-def test_arrays_and_their_memory_are_told(record: CellRecord) -> None:
+def test_arrays_and_their_memory_are_recorded(record: CellRecord) -> None:
     """The types of inputs and outputs are recorded, and which of them share memory."""
-    seen = told(record, "fresh")
+    seen = recorded_facts(record, "fresh")
     tensor = "torch.Tensor float32 [4, 2] cpu"
     assert [seen[name]["takes"] for name in WRAPPERS] == ["numpy.ndarray float32 [4, 2] cpu", tensor, tensor]
     assert seen[GYM]["gives"]["policy"] == seen[GYM]["stored"]["policy"] == tensor
@@ -117,9 +117,9 @@ def test_arrays_and_their_memory_are_told(record: CellRecord) -> None:
     assert findings(record, "fresh") == []
 
 
-def test_a_corrupted_rollout_is_told(record: CellRecord) -> None:
+def test_a_corrupted_rollout_is_reported(record: CellRecord) -> None:
     """A stored rollout of an environment that reuses its memory holds last values, except where a wrapper copies."""
-    seen = told(record, "reused")
+    seen = recorded_facts(record, "reused")
     assert {name: one["rollout"]["wrong"] for name, one in seen.items()} == {
         GYM: {"policy": 95, "age": 95, "truncated": 95},
         GYM_TENSOR: {"policy": 95, "age": 95, "truncated": 95},
@@ -137,9 +137,9 @@ def test_a_corrupted_rollout_is_told(record: CellRecord) -> None:
     ]
 
 
-def test_zeros_for_a_last_observation_are_told(record: CellRecord) -> None:
+def test_zeros_for_a_last_observation_are_reported(record: CellRecord) -> None:
     """TorchRL does not find the last observations in a dict, and stores zeros for them."""
-    assert told(record, "last")[GYM_TENSOR]["rollout"]["wrong"] == {}
+    assert recorded_facts(record, "last")[GYM_TENSOR]["rollout"]["wrong"] == {}
     assert findings(record, "last") == [
         "interop.torchrl.last: GymWrapper: where an episode ended, zeros are stored for its last observation"
     ]
@@ -152,4 +152,4 @@ def test_worlds_that_end_apart_end_the_rollout(record: CellRecord) -> None:
         "RuntimeError: Partial resets are not handled at this level.",
         GYM_TENSOR,
     )
-    assert told(record, "apart")[GYM_TENSOR]["takes"] == "torch.Tensor float32 [4, 2] cpu"
+    assert recorded_facts(record, "apart")[GYM_TENSOR]["takes"] == "torch.Tensor float32 [4, 2] cpu"

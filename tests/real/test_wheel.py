@@ -89,7 +89,7 @@ def test_it_recommends_on_a_fresh_machine(installed: Callable[..., subprocess.Co
     assert all(one["lock"].count("--hash=sha256:") >= one["lock"].count("==") for one in told["measured"])
 
 
-def test_what_it_recommends_opens_on_a_fresh_machine(
+def test_recommended_cells_open_on_a_fresh_machine(
     installed: Callable[..., subprocess.CompletedProcess[str]],
 ) -> None:
     """Recommended cells, reports and known issues are shown, and a lock is written, without any checkout."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -36,6 +37,27 @@ def files() -> Iterator[Path]:
 def test_names_are_things_or_actions(path: Path) -> None:
     """Functions, classes, arguments and variables; inside a comprehension a short `one` is fine."""
     assert [name for name in _names(ast.parse(path.read_text(encoding="utf-8")), "") if _is_forbidden(*name)] == []
+
+
+def modules_of_tests() -> Iterator[Path]:
+    """Yield the files of tests."""
+    yield from (path for path in sorted((ROOT / "tests").rglob("test_*.py")) if not PROGRAMS & {*path.parts})
+
+
+RIDDLE = re.compile(
+    r"test_(what|whatever|which|who|whom|whose|where|when|why|how|that|whether)_"
+    r"|.*_(told|said|foretold|anew|mend|mends|mended|thereof)(_|$)"
+)
+"""A test is named after a behaviour: a subject, a verb of today, an object."""
+
+
+@pytest.mark.parametrize("path", list(modules_of_tests()), ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_names_of_tests_say_a_behaviour(path: Path) -> None:
+    """A test is no riddle, and a helper beside it is a thing or an action; names inside a test live for ten lines."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    owners = [tree, *(node for node in tree.body if isinstance(node, ast.ClassDef))]
+    defined = [node.name for owner in owners for node in owner.body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
+    assert [name for name in defined if RIDDLE.match(name) or _is_forbidden("", name)] == []
 
 
 def _is_forbidden(owner: str, name: str) -> bool:

@@ -32,7 +32,7 @@ def test_its_matrix_can_be_planned() -> None:
     assert (planned.dropped, planned.stale) == ((), ())
 
 
-def test_what_it_shows_of_a_matrix_can_be_read() -> None:
+def test_shown_parts_of_a_matrix_can_be_read() -> None:
     """The parts of a matrix that it shows apart: what is brought, a change."""
     parts = [part for part in re.findall(r"```toml\n(.*?)```", README, re.DOTALL) if "axes" not in part]
     axes = '[axes]\npython = ["3.9"]\nmujoco = ["3.3.7"]\n[[cases]]\nenv = "Ant-v5"\napi = "gymnasium"\n'
@@ -71,7 +71,7 @@ def test_its_tables_are_current() -> None:
     assert readme_blocks.renewed(README, ROOT, report.render_block) == README
 
 
-def test_contributors_are_told_of_every_nox_session() -> None:
+def test_contributors_can_read_of_every_nox_session() -> None:
     """The table has each session with its first line, and nothing else."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `(\w+)` \| (.*) \|$", text, re.MULTILINE)

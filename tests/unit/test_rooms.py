@@ -70,7 +70,7 @@ def imports(path: Path) -> set[str]:
     return names
 
 
-def ours(path: Path) -> set[str]:
+def own_imports(path: Path) -> set[str]:
     """Return the modules of the package that a file imports."""
     found = imports(path) & MODULES.keys()
     return {name for name in found if not any(other.startswith(f"{name}.") for other in found)}
@@ -89,13 +89,13 @@ def test_nothing_but_rooms_and_doors() -> None:
 @pytest.mark.parametrize("module", sorted(MODULES))
 def test_imports_never_go_up(module: str) -> None:
     """A module imports its own room and rooms below."""
-    above = {name for name in ours(MODULES[module]) if LEVEL[room(name)] < LEVEL[room(module)]}
+    above = {name for name in own_imports(MODULES[module]) if LEVEL[room(name)] < LEVEL[room(module)]}
     assert not above
 
 
 def test_imports_make_no_circle() -> None:
     """Files can be ordered so that each imports only files before it, those imported for types among them."""
-    graph = {module: ours(path) - {module} for module, path in MODULES.items() if path.stem != "__init__"}
+    graph = {module: own_imports(path) - {module} for module, path in MODULES.items() if path.stem != "__init__"}
     try:
         tuple(TopologicalSorter(graph).static_order())
     except CycleError as error:
@@ -120,7 +120,7 @@ def package(module: str) -> str:
 ENTERED = {
     other
     for module, path in MODULES.items()
-    for other in ours(path)
+    for other in own_imports(path)
     if package(other) not in {package(module), "harness"}
 }
 """Modules that are imported from outside the folder that they lie in."""
@@ -152,12 +152,12 @@ def test_the_list_of_rooms_says_what_the_rooms_say() -> None:
     text = (PACKAGE / "README.md").read_text()
     listed = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", text, re.MULTILINE))
     assert list(listed) == [name for level in ROOMS for name in level]
-    assert listed == {name: said(name) for name in listed}
+    assert listed == {name: purpose_of(name) for name in listed}
     named = re.findall(r"`([a-z_/]+(?:\.py|\.toml|/))`", text)
     assert [name for name in named if not any((place / name).exists() for place in (PACKAGE, PACKAGE.parent))] == []
 
 
-def said(name: str) -> str:
+def purpose_of(name: str) -> str:
     """Return the first paragraph of what a room says about itself."""
     words = ast.get_docstring(ast.parse((PACKAGE / name / "__init__.py").read_text())) or ""
     return " ".join(words.split("\n\n")[0].split())
@@ -207,7 +207,7 @@ FACE = {
 """Modules of judging that a verdict is put together of, with what others may take from each."""
 
 
-def composed(path: Path) -> set[str]:
+def forbidden_imports(path: Path) -> set[str]:
     """Return the names, whole modules among them, that a file imports from these modules but may not."""
     found = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom)]
     whole = {alias.name for node in found if node.module == "harness.judging" for alias in node.names} & FACE.keys()
@@ -218,7 +218,7 @@ def composed(path: Path) -> set[str]:
 
 def test_assess_is_the_one_door_to_a_verdict() -> None:
     """Outside the room of judging nobody puts a verdict together."""
-    assert not {module for module, path in MODULES.items() if room(module) != "judging" and composed(path)}
+    assert not {module for module, path in MODULES.items() if room(module) != "judging" and forbidden_imports(path)}
 
 
 LONGEST = 50

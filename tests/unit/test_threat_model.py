@@ -32,7 +32,7 @@ def test_every_promise_names_a_test() -> None:
     assert [row for row in promises if "`tests/" not in row] == []
 
 
-def test_what_is_only_documented_is_in_the_page() -> None:
+def test_documented_faults_have_a_heading_of_the_page() -> None:
     """A fault that no mechanism can hold names a heading of the page."""
     headings = set(re.findall(r"(?m)^#+ (.+)$", PAGE))
 

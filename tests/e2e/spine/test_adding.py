@@ -62,13 +62,13 @@ def add(desk: Desk, declared: str = "") -> None:
     (desk.folder / names[1]).write_text(index + matrix, encoding="utf-8")
 
 
-def asked(desk: Desk) -> dict[str, object]:
+def read_answers(desk: Desk) -> dict[str, object]:
     """Return the answers that the copy of the harness gives about the simulator."""
     ran = subprocess.run((sys.executable, "-c", ASKED), cwd=desk.folder, capture_output=True, text=True, check=True)
     return dict(json.loads(ran.stdout))
 
 
-def test_what_a_simulator_declares_is_known_everywhere(desk: Desk) -> None:
+def test_the_declarations_of_a_simulator_are_used_everywhere(desk: Desk) -> None:
     """A declared package, ids, drawing and native errors are used everywhere, and no other file has to name them."""
     add(desk, DECLARED)
 
@@ -76,7 +76,7 @@ def test_what_a_simulator_declares_is_known_everywhere(desk: Desk) -> None:
 
     found = ran.cells("fake-pointmass")["2.0"]["findings"]
     assert [(one["check"], one["text"]) for one in found] == [("import.native", "[pointmass] push: no such force")]
-    assert asked(desk) == {
+    assert read_answers(desk) == {
         "weight": 5,
         "module": "fake_pointmass",
         "api": "pointmass",
@@ -86,11 +86,11 @@ def test_what_a_simulator_declares_is_known_everywhere(desk: Desk) -> None:
     }
 
 
-def test_what_a_simulator_leaves_out_is_not_guessed(desk: Desk) -> None:
+def test_missing_declarations_of_a_simulator_are_not_guessed(desk: Desk) -> None:
     """A simulator that declares only its package gives plain answers to the same questions."""
     add(desk)
 
-    assert asked(desk) == {
+    assert read_answers(desk) == {
         "weight": 5,
         "module": "fake_pointmass",
         "api": None,

@@ -196,7 +196,7 @@ def test_end_without_a_lock(desk: Desk, index: str) -> None:
     assert made.moved == ()
 
 
-def test_what_cannot_be_installed_lies_between(desk: Desk, index: str) -> None:
+def test_uninstallable_releases_hide_no_boundary(desk: Desk, index: str) -> None:
     """Releases that nobody can install, on either side of the boundary, do not hide it."""
     _, made = bisected(desk, index, "arm", "--axis", "tool", "--good", "1.3", "--bad", "1.8")
 

@@ -39,14 +39,14 @@ def evidence(desk: Desk) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in Vault(desk.state).folder.glob("cas/*/*")}
 
 
-def asked(desk: Desk) -> list[tuple[str, ...]]:
+def checks_of_runs(desk: Desk) -> list[tuple[str, ...]]:
     """Return the checks of every stored probe run."""
     vault = Vault(desk.state)
     names = [name for claim in vault.folder.glob("ac/*/*") for name in vault.runs(claim.parent.name + claim.name)]
     return sorted(tuple(vault.reading(name).run.request.limits) for name in names)
 
 
-def said(ran: CommandResult) -> dict[str, Any]:
+def summarise(ran: CommandResult) -> dict[str, Any]:
     """Return the verdict, the decisive line and whether results were reused, for each cell."""
     return {name: (cell["verdict"], cell["decisive"], cell["reused"]) for name, cell in ran.cells("which").items()}
 
@@ -64,35 +64,35 @@ def test_words_about_code_measure_nothing(
     desk_with_results: Desk, changed: Changed, file: str, old: str, new: str
 ) -> None:
     """A changed comment in judging code, or docstring in cell code, causes no measurement."""
-    before, runs = evidence(desk_with_results), asked(desk_with_results)
-    known = said(desk_with_results.run("run", "small.toml", "--json"))
+    before, runs = evidence(desk_with_results), checks_of_runs(desk_with_results)
+    known = summarise(desk_with_results.run("run", "small.toml", "--json"))
 
-    assert said(changed(file, old, new)) == known
-    assert (evidence(desk_with_results), asked(desk_with_results)) == (before, runs)
+    assert summarise(changed(file, old, new)) == known
+    assert (evidence(desk_with_results), checks_of_runs(desk_with_results)) == (before, runs)
 
 
 def test_other_judging_says_something_else_of_the_same_evidence(desk_with_results: Desk, changed: Changed) -> None:
     """A changed message is applied to stored evidence: the affected cell is judged again, and nothing is measured."""
-    before, runs = evidence(desk_with_results), asked(desk_with_results)
-    known = said(desk_with_results.run("run", "small.toml", "--json"))
-    again = said(changed("model/words.toml", '"render.blank" = "blank frame', '"render.blank" = "empty frame'))
+    before, runs = evidence(desk_with_results), checks_of_runs(desk_with_results)
+    known = summarise(desk_with_results.run("run", "small.toml", "--json"))
+    again = summarise(changed("model/words.toml", '"render.blank" = "blank frame', '"render.blank" = "empty frame'))
 
     verdict, line, reused = known["blank"]
     assert line.startswith("ContractViolation: blank frame")
     assert again == {**known, "blank": (verdict, line.replace("blank frame", "empty frame"), reused)}
-    assert (evidence(desk_with_results), asked(desk_with_results)) == (before, runs)
+    assert (evidence(desk_with_results), checks_of_runs(desk_with_results)) == (before, runs)
 
 
 def test_a_changed_check_is_measured_alone(desk_with_results: Desk, changed: Changed) -> None:
     """A changed check is measured once for each case, alone; stored evidence stays as it was."""
-    before, runs = evidence(desk_with_results), asked(desk_with_results)
-    known = said(desk_with_results.run("run", "small.toml", "--json"))
+    before, runs = evidence(desk_with_results), checks_of_runs(desk_with_results)
+    known = summarise(desk_with_results.run("run", "small.toml", "--json"))
     path = PACKAGE / "incell" / "check_vector_sync.py"
     end = path.read_text().splitlines()[-1]
-    again = said(changed("incell/check_vector_sync.py", end, f"{end}\n\n\nCHANGED = True"))
+    again = summarise(changed("incell/check_vector_sync.py", end, f"{end}\n\n\nCHANGED = True"))
 
     assert {name: told[:2] for name, told in again.items()} == {name: told[:2] for name, told in known.items()}
-    new = sorted(asked(desk_with_results))
+    new = sorted(checks_of_runs(desk_with_results))
     for one in runs:
         new.remove(one)
     assert set(new) == {("vector.sync",)}

@@ -55,7 +55,7 @@ def test_chosen_by_lock_and_read_by_every_verb(desk: Desk) -> None:
     assert "asking whether" not in again.err
 
 
-def test_a_changed_strategy_is_chosen_anew_when_asked_to(desk: Desk) -> None:
+def test_a_changed_strategy_is_chosen_again_on_request(desk: Desk) -> None:
     """A choice of another strategy is refused by name until `lock --upgrade` makes it again."""
     path = desk.matrix("choice", MATRIX)
     first = desk.run("lock", path)

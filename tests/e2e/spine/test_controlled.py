@@ -148,7 +148,7 @@ def test_fetch_brings_controls(desk: Desk) -> None:
     assert (ran.code, ran.cells("which")["blank"]["verdict"]) == (3, "inconclusive")
 
 
-def test_controls_that_cannot_be_read_are_said_before_anything_is_measured(desk_with_results: Desk) -> None:
+def test_unreadable_controls_are_refused_before_anything_is_measured(desk_with_results: Desk) -> None:
     """Unreadable controls are bad input at the start of a run, not only when something first fails."""
     missing = desk_with_results.folder / "nowhere"
     ran = desk_with_results.run("run", "small.toml", "--fresh", "-k", "*good*", HARNESS_CONTROLS=str(missing))

@@ -175,14 +175,14 @@ def test_every_defect_is_looked_at(defects: DeskRun) -> None:
 
 
 @pytest.mark.parametrize("defect", WORKING)
-def test_what_stops_no_loop_works(defects: DeskRun, defect: str) -> None:
+def test_a_defect_that_stops_no_loop_works(defects: DeskRun, defect: str) -> None:
     """A defect that a user's loop does not meet leaves the verdict alone."""
     cell = defects.ran.cells("defect")[defect]
     assert (cell["verdict"], cell["decisive"], cell["unverified"]) == ("works", None, [])
 
 
 @pytest.mark.parametrize("defect", RED)
-def test_what_stops_a_loop_is_red(defects: DeskRun, defect: str) -> None:
+def test_a_defect_that_stops_a_loop_is_red(defects: DeskRun, defect: str) -> None:
     """A defect that stops a loop ends in its verdict, with the line that a person would quote."""
     cell = defects.ran.cells("defect")[defect]
     verdict, phase, outcome, decisive = RED[defect]
@@ -191,7 +191,7 @@ def test_what_stops_a_loop_is_red(defects: DeskRun, defect: str) -> None:
 
 
 @pytest.mark.parametrize("defect", MISLEADING)
-def test_what_contradicts_itself_misleads(defects: DeskRun, defect: str) -> None:
+def test_a_contradiction_misleads(defects: DeskRun, defect: str) -> None:
     """A defect that raises nothing but contradicts the environment's claims leaves its phase passed, and misleads."""
     cell = defects.ran.cells("defect")[defect]
     phase, check, decisive = MISLEADING[defect]
@@ -210,7 +210,7 @@ def test_what_contradicts_itself_misleads(defects: DeskRun, defect: str) -> None
         ("tuple", ("skipped", "skipped", "skipped", "not_reached")),
     ],
 )
-def test_what_cannot_be_compared_is_skipped(defects: DeskRun, defect: str, outcomes: tuple[str, ...]) -> None:
+def test_a_check_without_a_comparison_is_skipped(defects: DeskRun, defect: str, outcomes: tuple[str, ...]) -> None:
     """A check is skipped without a specification, on something other than MuJoCo, or after a fault of our own."""
     (case,) = defects.ran.cells("defect")[defect]["cases"]
     names = ("single.start_pose", "single.contact", "single.solver", "single.arrays")
@@ -246,7 +246,7 @@ def test_other_checks_still_report(defects: DeskRun, defect: str) -> None:
 
 
 @pytest.mark.parametrize("defect", ["worker-raises", "worker-exits", "worker-crashes"])
-def test_the_mask_is_told_apart(defects: DeskRun, defect: str) -> None:
+def test_a_broken_pipe_is_a_mask_and_never_the_cause(defects: DeskRun, defect: str) -> None:
     """The broken pipe of a dead worker is reported as a mask of the cause, never as the cause."""
     (case,) = defects.ran.cells("defect")[defect]["cases"]
     assert re.match("ConnectionResetError|BrokenPipeError|EOFError", case["masked"]["vector.async.fork"])

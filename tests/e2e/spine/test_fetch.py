@@ -103,7 +103,7 @@ def machines(desk: Desk, tmp_path: Path) -> tuple[Desk, Desk]:
     return replace(desk, folder=with_network, online=True), replace(desk, folder=without, cache=tmp_path / "other")
 
 
-def test_what_was_fetched_runs_without_network(
+def test_a_fetched_folder_runs_without_network(
     machines: tuple[Desk, Desk], serve: Callable[[Any], str], tmp_path: Path
 ) -> None:
     """A fetched folder gives the same verdicts offline; a changed wheel is refused, and fetching again replaces it.

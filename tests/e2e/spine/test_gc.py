@@ -52,7 +52,7 @@ def test_all_that_goes_is_made_again(desk: Desk) -> None:
     assert (anew["verdict"], anew["reused"], anew["key"]) == ("works", False, kept["key"])
 
 
-def test_what_was_left_behind_goes(desk_with_results: Desk) -> None:
+def test_waste_is_deleted_without_limits(desk_with_results: Desk) -> None:
     """Without limits only waste is deleted; the user learns what limits would free, and bad limits are refused."""
     own = replace(desk_with_results, cache=desk_with_results.folder / "cache")
     left = own.state / "evidence" / "left-over"

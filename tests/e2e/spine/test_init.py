@@ -67,7 +67,7 @@ def wheels(desk: Desk) -> dict[str, str]:
     return {"PIP_FIND_LINKS": str(desk.wheels), "PIP_NO_INDEX": "1"}
 
 
-def test_what_is_written_runs(project: Desk) -> None:
+def test_the_written_matrix_runs(project: Desk) -> None:
     """The matrix measures the project, nox lists its cells, the workflow is up to date; a second `init` keeps them."""
     settings = wheels(project)
     (project.folder / "tests").mkdir()
@@ -109,7 +109,7 @@ def test_what_is_written_runs(project: Desk) -> None:
     ]
 
 
-def test_what_a_workflow_claims_and_never_installs(project: Desk) -> None:
+def test_versions_that_a_workflow_claims_and_never_installs(project: Desk) -> None:
     """Each leg of a workflow is listed with the versions really installed.
 
     The matrix uses the installed versions. Lines for an existing noxfile are printed.
@@ -157,7 +157,7 @@ def test_what_a_workflow_claims_and_never_installs(project: Desk) -> None:
     assert document["kept"] == ["noxfile.py"]
 
 
-def test_a_folder_without_a_project_is_told(desk: Desk) -> None:
+def test_a_folder_without_a_project_is_refused(desk: Desk) -> None:
     """Nothing is written where there is nothing to measure."""
     ran = desk.run("init")
 

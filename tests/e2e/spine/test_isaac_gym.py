@@ -170,7 +170,7 @@ def test_a_device_that_is_not_there_is_no_failure(measured: DeskRun) -> None:
     assert seen["c0g6"].cpu.why == "no graphics device 6: Vulkan sees 6"
 
 
-def test_devices_are_told_with_those_that_are_the_same(measured: DeskRun) -> None:
+def test_devices_are_listed_with_their_equals(measured: DeskRun) -> None:
     """Each device is listed with its equals: from Mesa's software device on, Vulkan's numbers differ from CUDA's."""
     told = [case for case in measured.ran.cells("machine")["server"]["cases"] if case["case"] == "physics-c0"]
 

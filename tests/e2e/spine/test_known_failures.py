@@ -71,7 +71,7 @@ expect = { verdict = "partial", signature = "default-renamed" }
 """
 
 
-def known(desk: Desk) -> dict[str, str]:
+def signatures_variable(desk: Desk) -> dict[str, str]:
     """Write the signatures, and return the variable that makes a command use them."""
     folder = desk.folder / "signatures"
     folder.mkdir(exist_ok=True)
@@ -82,15 +82,17 @@ def known(desk: Desk) -> dict[str, str]:
 @pytest.fixture(scope="session")
 def changed(once: Callable[[str, Callable[[Desk], CommandResult]], DeskRun]) -> DeskRun:
     """Return a run of a red cell and three changes of it."""
-    return once("changed", lambda desk: desk.run("run", desk.matrix("layers", MATRIX), "-j", "2", **known(desk)))
+    return once(
+        "changed", lambda desk: desk.run("run", desk.matrix("layers", MATRIX), "-j", "2", **signatures_variable(desk))
+    )
 
 
 @pytest.fixture
-def tried(desk: Desk, changed: DeskRun) -> Desk:
+def measured_folder(desk: Desk, changed: DeskRun) -> Desk:
     """Return a working folder in which the red cell and its changes were measured before."""
     shutil.copytree(changed.desk.state, desk.state)
     desk.matrix("layers", MATRIX)
-    known(desk)
+    signatures_variable(desk)
     return desk
 
 
@@ -145,13 +147,13 @@ def test_page_and_terminal_say_what_each_change_did(changed: DeskRun) -> None:
     assert "cures: cure: install `fake-layers>=3` " in out
 
 
-def test_show_says_whether_the_remedy_is_proven(tried: Desk) -> None:
+def test_show_says_whether_the_remedy_is_proven(measured_folder: Desk) -> None:
     """`show` says whether the remedy is proven, and why a change was tried."""
-    shown = tried.run("show", "*-red", **known(tried))
+    shown = measured_folder.run("show", "*-red", **signatures_variable(measured_folder))
     told = "known as default-renamed\n  cause      the model gives its outermost default class a name\n"
     assert told in shown.out
     assert "  remedy     install `fake-layers>=3`\n  proven     by layers/" in shown.out
-    other = tried.run("show", "*_with-half", **known(tried)).out
+    other = measured_folder.run("show", "*_with-half", **signatures_variable(measured_folder)).out
     assert " with half: install `fake-layers==2.0`\n  tried because: the next release\n" in other
 
 
@@ -159,7 +161,7 @@ def test_try_says_cause_and_remedy(desk: Desk) -> None:
     """`try` prints cause, remedy and link of a failure after the decisive line."""
     links = {"PIP_FIND_LINKS": str(desk.wheels), "PIP_NO_INDEX": "1"}
     asked = ("fake-layers==1.0", "--env", "fake_layers:Layers-v0", "--api", "gymnasium")
-    ran = desk.run("try", *asked, **links, **known(desk))
+    ran = desk.run("try", *asked, **links, **signatures_variable(desk))
     assert (ran.code, ran.out.splitlines()[1:5]) == (
         1,
         [
@@ -171,21 +173,21 @@ def test_try_says_cause_and_remedy(desk: Desk) -> None:
     )
 
 
-def test_another_cause_than_the_one_expected(tried: Desk) -> None:
+def test_another_cause_than_the_one_expected(measured_folder: Desk) -> None:
     """A cell that fails by another cause than the expected one is not as expected.
 
     An expected cause that is no known failure is bad input.
     """
-    path, variables = tried.folder / "layers.toml", known(tried)
+    path, variables = measured_folder.folder / "layers.toml", signatures_variable(measured_folder)
     text = path.read_text(encoding="utf-8")
     path.write_text(text.replace('signature = "default-renamed"\nreason', 'signature = "reset"\nreason'))
-    ran = tried.run("run", "layers.toml", **variables)
+    ran = measured_folder.run("run", "layers.toml", **variables)
     assert ran.code == 1
     assert "not as expected, which was partial in vector by reset: a model of old" in ran.out
-    again = tried.run("run", "layers.toml", "--only-failed", **variables)
+    again = measured_folder.run("run", "layers.toml", "--only-failed", **variables)
     assert "1 cell measured, 0 reused" in again.out
     path.write_text(text.replace('signature = "default-renamed"\nreason', 'signature = "default-named"\nreason'))
-    wrong = tried.run("run", "layers.toml", **variables)
+    wrong = measured_folder.run("run", "layers.toml", **variables)
     assert (wrong.code, wrong.err) == (
         2,
         'simmatrix: layers.toml: expect[0].signature: no signature is called "default-named"; '
@@ -193,60 +195,75 @@ def test_another_cause_than_the_one_expected(tried: Desk) -> None:
     )
 
 
-def test_accept_speaks_of_a_changed_cell_by_its_label(tried: Desk) -> None:
+def test_accept_speaks_of_a_changed_cell_by_its_label(measured_folder: Desk) -> None:
     """`accept` names a changed cell by its label and accepts only that cell; the next run is as expected."""
-    path, variables = tried.folder / "layers.toml", known(tried)
+    path, variables = measured_folder.folder / "layers.toml", signatures_variable(measured_folder)
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     path.write_text("".join(line for line in lines if "blank frame" not in line), encoding="utf-8")
-    assert tried.run("run", "layers.toml", **variables).code == 1
-    made = tried.run("accept", "layers.toml", "-k", "*", "--reason", "black", **variables)
-    label = cells(tried)["_with-half"]["id"].partition("/")[2]
+    assert measured_folder.run("run", "layers.toml", **variables).code == 1
+    made = measured_folder.run("accept", "layers.toml", "-k", "*", "--reason", "black", **variables)
+    label = cells(measured_folder)["_with-half"]["id"].partition("/")[2]
     assert (made.code, made.out.splitlines()[:2]) == (0, ["[[expect]]", f'cells = "{label}"'])
-    assert tried.run("run", "layers.toml", **variables).code == 0
+    assert measured_folder.run("run", "layers.toml", **variables).code == 0
 
 
-def test_remedies_are_proven_on_demand(tried: Desk) -> None:
+def test_remedies_are_proven_on_demand(measured_folder: Desk) -> None:
     """`--prove` also runs the red cell with the remedy of its known failure; no expectation applies to that cell."""
-    path, variables = tried.folder / "layers.toml", known(tried)
-    path.write_text(MATRIX.partition("[[change]]")[0].replace("@WHEELS@", str(tried.wheels)), encoding="utf-8")
-    plain = tried.run("run", "layers.toml", **variables)
-    assert (plain.code, list(cells(tried)), cells(tried)["red"]["diagnoses"][0]["proven"]) == (0, ["red"], False)
-    ran = tried.run("run", "layers.toml", "--prove", **variables)
-    found = cells(tried)
+    path, variables = measured_folder.folder / "layers.toml", signatures_variable(measured_folder)
+    path.write_text(
+        MATRIX.partition("[[change]]")[0].replace("@WHEELS@", str(measured_folder.wheels)), encoding="utf-8"
+    )
+    plain = measured_folder.run("run", "layers.toml", **variables)
+    assert (plain.code, list(cells(measured_folder)), cells(measured_folder)["red"]["diagnoses"][0]["proven"]) == (
+        0,
+        ["red"],
+        False,
+    )
+    ran = measured_folder.run("run", "layers.toml", "--prove", **variables)
+    found = cells(measured_folder)
     assert (ran.code, list(found)) == (0, ["red", "_with-default-renamed"])
     assert "1 red cell to be run again, each with the remedy of a known failure\n" in ran.err
     proof = found["_with-default-renamed"]
     assert (proof["verdict"], proof["as_expected"], proof["base"]) == ("works", None, found["red"]["id"])
     assert found["red"]["diagnoses"][0]["proof"] == proof["id"]
-    (tried.folder / "signatures" / "layers.toml").write_text(SIGNATURES.replace(">=3", "==1.0"), encoding="utf-8")
-    nothing = tried.run("run", "layers.toml", "--prove", **variables)
+    (measured_folder.folder / "signatures" / "layers.toml").write_text(
+        SIGNATURES.replace(">=3", "==1.0"), encoding="utf-8"
+    )
+    nothing = measured_folder.run("run", "layers.toml", "--prove", **variables)
     assert "no remedy of a known failure is left to be tried\n" in nothing.err
     wrong = SIGNATURES.replace("fake-layers>=3", "fake-layers==2.0")
-    (tried.folder / "signatures" / "layers.toml").write_text(wrong, encoding="utf-8")
-    again = tried.run("run", "layers.toml", "--prove", "-j", "1", HARNESS_SIGNATURES=variables["HARNESS_SIGNATURES"])
-    found = cells(tried)
+    (measured_folder.folder / "signatures" / "layers.toml").write_text(wrong, encoding="utf-8")
+    again = measured_folder.run(
+        "run", "layers.toml", "--prove", "-j", "1", HARNESS_SIGNATURES=variables["HARNESS_SIGNATURES"]
+    )
+    found = cells(measured_folder)
     assert (again.code, found["_with-default-renamed"]["verdict"]) == (0, "partial")
     assert not found["red"]["diagnoses"][0]["proven"]
     assert "another failure behind it: default-renamed" in again.out
 
 
-def test_why_a_change_is_tried_changes_no_result(tried: Desk) -> None:
+def test_a_new_reason_for_a_change_changes_no_result(measured_folder: Desk) -> None:
     """A new reason for a change keeps the stored results, also in a run of other cells only."""
-    path = tried.folder / "layers.toml"
+    path = measured_folder.folder / "layers.toml"
     path.write_text(path.read_text(encoding="utf-8").replace("the next release", "one more"), encoding="utf-8")
-    ran = tried.run("run", "layers.toml", "-k", "*-red", **known(tried))
-    assert (ran.code, cells(tried)["_with-half"]["change"]["reason"]) == (0, "one more")
-    assert cells(tried)["_with-half"]["verdict"] == "partial"
+    ran = measured_folder.run("run", "layers.toml", "-k", "*-red", **signatures_variable(measured_folder))
+    assert (ran.code, cells(measured_folder)["_with-half"]["change"]["reason"]) == (0, "one more")
+    assert cells(measured_folder)["_with-half"]["verdict"] == "partial"
 
 
-def test_shards_are_merged_with_their_proof(tried: Desk) -> None:
+def test_shards_are_merged_with_their_proof(measured_folder: Desk) -> None:
     """`merge` combines a cell with its cure from another shard."""
-    variables = known(tried)
+    variables = signatures_variable(measured_folder)
     parts = [f"part-{number}" for number in (1, 2)]
     for number, part in enumerate(parts, start=1):
-        tried.run("run", "layers.toml", "--shard", f"{number}/2", "--out", part, **variables)
-    where = {name: part for part in parts for name in cells(tried, part) if cells(tried, part)[name]["measured"]}
+        measured_folder.run("run", "layers.toml", "--shard", f"{number}/2", "--out", part, **variables)
+    where = {
+        name: part
+        for part in parts
+        for name in cells(measured_folder, part)
+        if cells(measured_folder, part)[name]["measured"]
+    }
     assert where["red"] != where["_with-cure"]
-    assert not cells(tried, where["red"])["red"]["diagnoses"][0]["proven"]
-    assert tried.run("merge", *parts, "--out", "whole", **variables).code == 0
-    assert cells(tried, "whole")["red"]["diagnoses"][0]["proven"]
+    assert not cells(measured_folder, where["red"])["red"]["diagnoses"][0]["proven"]
+    assert measured_folder.run("merge", *parts, "--out", "whole", **variables).code == 0
+    assert cells(measured_folder, "whole")["red"]["diagnoses"][0]["proven"]

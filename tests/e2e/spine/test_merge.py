@@ -18,7 +18,7 @@ def test_shards_are_one_report(desk_with_results: Desk) -> None:
     whole = desk_with_results.run("report", "small", "--json").document
     assert merged.code == 0
     assert merged.err == "2 reports merged: 2 cells, none not run\nreport: all\n"
-    assert _told(merged.document) == _told(whole)
+    assert _summary(merged.document) == _summary(whole)
     for cell in merged.document["cells"]:
         paths = [cell["lock"], cell["evidence"], *(frame for case in cell["cases"] for frame in case["frames"])]
         assert all((desk_with_results.folder / path).exists() for path in paths)
@@ -31,6 +31,6 @@ def test_shards_are_one_report(desk_with_results: Desk) -> None:
     assert page == (desk_with_results.folder / "all" / "report.md").read_text()
 
 
-def _told(document: dict[str, list[dict[str, object]]]) -> list[tuple[object, ...]]:
+def _summary(document: dict[str, list[dict[str, object]]]) -> list[tuple[object, ...]]:
     told = ("id", "verdict", "as_expected", "phase", "decisive", "key", "lock_sha256", "installed")
     return [tuple(cell[name] for name in told) for cell in document["cells"]]

@@ -18,7 +18,7 @@ NEVER_EXPANDED = PLAIN + '[axes]\npython = ["host"]\nmujoco = { range = ">=3" }\
 BIG = PLAIN + f'[axes]\nmode = {{ variable = {[str(n) for n in range(60)]} }}\npython = ["3.9", "3.10"]\n'
 
 
-def listed(text: str) -> list[str]:
+def list_sessions(text: str) -> list[str]:
     """Return the sessions that `nox -l` prints, without their descriptions."""
     return re.findall(r"^[*-] (\S+)", text, re.MULTILINE)
 
@@ -56,7 +56,7 @@ def test_sessions_are_listed_as_they_can_be_selected(nox_desk: Desk) -> None:
 
     small = [f"cell(small/py{python}_good)", f"cell(small/py{python}_blank)"]
     unplanned = [f"cell({name})" for name in ("range.toml", "smal.toml", "quickstrat")]
-    assert (ran.code, listed(ran.out)) == (0, [*small, *unplanned, "matrix(big/py3.9)", "matrix(big/py3.10)"])
+    assert (ran.code, list_sessions(ran.out)) == (0, [*small, *unplanned, "matrix(big/py3.9)", "matrix(big/py3.10)"])
     assert f"- {small[0]} [small,py{python}] -> Measure one cell, or reuse what is known of it." in ran.out
     assert ran.err.splitlines() == [
         "simmatrix: range.toml: its ranges were never expanded, which asks the index; "
@@ -125,9 +125,9 @@ def test_our_noxfile_needs_nothing_but_nox(nox_desk: Desk) -> None:
     without = nox_desk.run("-l", "-f", ROOT / "noxfile.py", module="apart")
 
     own = ["lint", "tests", "endurance", "controls", "report", "pyz"]
-    assert [name for name in listed(ours.out) if not name.startswith("cell(quickstart/")] == own
-    assert len(listed(ours.out)) == 6 + len(own)
-    assert (without.code, listed(without.out)) == (0, own)
+    assert [name for name in list_sessions(ours.out) if not name.startswith("cell(quickstart/")] == own
+    assert len(list_sessions(ours.out)) == 6 + len(own)
+    assert (without.code, list_sessions(without.out)) == (0, own)
     assert re.findall(r"^\* (\S+)", without.out, re.MULTILINE) == ["lint", "tests"]
     assert without.err == (
         "no sessions of cells here (import of msgspec halted; None in sys.modules): uvx --with-editable . nox\n"

@@ -53,7 +53,7 @@ requirements = ["fake-healthy @ file:///etc/hostname"]
 """
 
 
-def test_what_one_cell_asks_for_in_vain_is_its_own_failure(desk: Desk) -> None:
+def test_an_unusable_requirement_fails_only_its_own_cell(desk: Desk) -> None:
     """A requirement that the resolver cannot use makes its cell unresolvable; the others are measured."""
     text = SMALL.read_text(encoding="utf-8").replace("[axes.which.odd]", f"{IMPOSSIBLE}[axes.which.odd]")
     ran = desk.run("run", desk.matrix("small", text), "--json")

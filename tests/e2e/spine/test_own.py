@@ -11,7 +11,7 @@ HERE = platform.python_version()
 
 
 @pytest.mark.parametrize("env", ["fake_own:make", "fake_own:Robots.small", "own-robot"])
-def test_what_no_registry_knows_is_made_by_a_callable(desk: Desk, env: str) -> None:
+def test_an_unregistered_environment_is_made_by_a_callable(desk: Desk, env: str) -> None:
     """An environment made by a callable passes every phase, in workers, too, and whichever way it draws."""
     ran = _tried(desk, "--env", env)
     assert ran == (0, f"works: fake-own 1.0: import, single, vector, render of {env} on Python {HERE}\n", "")

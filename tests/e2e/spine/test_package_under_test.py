@@ -94,7 +94,7 @@ def measured(desk: Desk, text: str, *more: str) -> tuple[CommandResult, dict[str
     return ran, {cell["id"].partition("/")[2].partition("_")[2] or "one": cell for cell in ran.document["cells"]}
 
 
-def made(desk: Desk, cells: dict[str, dict[str, Any]]) -> dict[str, int]:
+def creation_times(desk: Desk, cells: dict[str, dict[str, Any]]) -> dict[str, int]:
     """Return the creation time (ns) of the environments of these cells, by key."""
     keys = {cell["key"] for cell in cells.values()}
     return {key: (desk.cache / "environments" / key / "stamp.json").stat().st_mtime_ns for key in keys}
@@ -120,7 +120,7 @@ def test_a_new_commit_reuses_locks_and_environments(desk: Desk, project: Path, g
         assert (cell["suite"]["outcome"], cell["suite"]["tests"]) == ("passed", {"passed": 2})
         assert cell["phases"]["suite"] == "passed"
         assert (cell["subject"]["commit"], cell["subject"]["changed"]) == (git(project, "rev-parse", "HEAD"), False)
-    before = made(desk, first)
+    before = creation_times(desk, first)
 
     (project / "own_envs" / "__init__.py").write_text("import fake_plain\nCHANGED = 1\n")
     _, second = measured(desk, text, "-k", "*all")
@@ -130,7 +130,7 @@ def test_a_new_commit_reuses_locks_and_environments(desk: Desk, project: Path, g
     assert cell["subject"]["wheel_sha256"] != first["all"]["subject"]["wheel_sha256"]
     assert not cell["reused"]
     assert second["no-extra"]["verdict"] == "not_run"
-    assert made(desk, first) == before
+    assert creation_times(desk, first) == before
 
     (project / "tests" / "test_more.py").write_text("def test_bad():\n    assert 1 == 2\n")
     git(project, "commit", "-m", "three")

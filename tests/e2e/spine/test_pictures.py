@@ -70,7 +70,7 @@ def test_a_picture_that_cannot_be_used_fails(pictures: DeskRun, env: str) -> Non
 
 
 @pytest.mark.parametrize("env", WRONG)
-def test_a_picture_that_is_not_right_is_told(pictures: DeskRun, env: str) -> None:
+def test_a_wrong_picture_is_a_warning(pictures: DeskRun, env: str) -> None:
     """A picture that is wrong but not blank is a warning of its own kind; a right picture has none."""
     found = pictures.ran.cells("drawn")["pictures"]["findings"]
     case = _cases(pictures)[env]

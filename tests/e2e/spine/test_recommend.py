@@ -7,7 +7,7 @@ import hashlib
 from commandline import SMALL, Desk
 
 
-def test_what_was_run_here_is_known(desk: Desk) -> None:
+def test_results_of_a_run_here_are_known(desk: Desk) -> None:
     """`recommend` knows nothing of a package before a run; afterwards it has the green cell's lock and the red cell."""
     before = desk.run("recommend", "fake-healthy", "--json")
     desk.run("run", desk.matrix("small", SMALL.read_text()))

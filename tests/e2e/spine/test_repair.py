@@ -138,7 +138,7 @@ def proof(measured: DeskRun, which: str) -> dict[str, Any]:
     return made
 
 
-def shown(made: dict[str, Any]) -> bool:
+def is_shown_needed(made: dict[str, Any]) -> bool:
     """Return whether the runs show that each part of the remedy is needed and all of them are enough."""
     runs, remedy = made["runs"], made["remedy"]
     without = [runs[part["without"] - 1]["verdict"] for part in remedy["parts"]]
@@ -164,7 +164,7 @@ def test_smallest_change(desk: Desk, index: str, which: str, change: dict[str, A
     ran = desk.run("repair", f"{written(desk, index, (which,))}/*-{which}", "--json", HARNESS_SIGNATURES="")
     made = ran.document
     assert (ran.code, made["status"], made["remedy"]["change"]) == (0, "found", change)
-    assert shown(made)
+    assert is_shown_needed(made)
     assert made["remedy"]["moved"] == (["toolbox"] if which == "pinned" else [])
 
 
@@ -175,7 +175,7 @@ def test_bound_that_the_error_names(desk: Desk, index: str) -> None:
     assert (ran.code, made["remedy"]["change"]) == (0, {"requirements": ["toolbox>=1.1,<2"]})
     assert made["remedy"]["moved"] == ["toolbox"]
     assert len(made["runs"]) == 2
-    assert shown(made)
+    assert is_shown_needed(made)
 
 
 def test_older_release_that_does_not_refuse_yet(desk: Desk, index: str) -> None:
@@ -196,7 +196,7 @@ def test_parts_are_left_out_by_halves_and_bounds_are_widened(desk: Desk, index: 
     ran = desk.run("repair", f"{written(desk, index, ('many',))}/*-many", "--json", HARNESS_SIGNATURES=str(known))
     made = ran.document
     assert (ran.code, made["remedy"]["change"]) == (0, {"constraints": ["toolbox<2"]})
-    assert shown(made)
+    assert is_shown_needed(made)
     leaving_out = [run for run in made["runs"] if run["why"].endswith(" of the remedy")]
     assert len(leaving_out) <= 5
 
@@ -204,13 +204,17 @@ def test_parts_are_left_out_by_halves_and_bounds_are_widened(desk: Desk, index: 
 def test_package_that_nobody_named(repaired: DeskRun) -> None:
     """A package that nobody named is bounded from its first failing release, and no other package with it."""
     made = proof(repaired, "single")
-    assert (made["status"], made["remedy"]["change"], shown(made)) == ("found", {"constraints": ["toolbox<2"]}, True)
+    assert (made["status"], made["remedy"]["change"], is_shown_needed(made)) == (
+        "found",
+        {"constraints": ["toolbox<2"]},
+        True,
+    )
 
 
 def test_once_per_cause(repaired: DeskRun) -> None:
     """The remedy of one cell is tried on the next with the same cause, and measured there, too."""
     made = proof(repaired, "again")
-    assert (made["remedy"]["change"], shown(made)) == ({"constraints": ["toolbox<2"]}, True)
+    assert (made["remedy"]["change"], is_shown_needed(made)) == ({"constraints": ["toolbox<2"]}, True)
     assert [run["why"] for run in made["runs"][1:2]] == ["it cured another cell of the same cause"]
 
 
@@ -264,7 +268,7 @@ def test_cell_that_only_imports(desk: Desk, index: str, name: str) -> None:
     assert made["runs"][made["remedy"]["proof"] - 1]["ended"] == "passes import, all that was asked for"
 
 
-def test_nothing_is_said_to_cure_what_is_flaky(desk: Desk, index: str) -> None:
+def test_no_change_is_credited_with_curing_a_flaky_cell(desk: Desk, index: str) -> None:
     """No change is credited with curing a cell that fails once and then works."""
     ran = desk.run("repair", f"{written(desk, index, ('fickle',))}/*-fickle", "--json", HARNESS_SIGNATURES="")
     assert ran.code == 3

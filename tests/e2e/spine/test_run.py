@@ -164,7 +164,7 @@ def test_an_expectation_of_no_cell_is_stale(desk_with_results: Desk) -> None:
     assert ran.document["stale"] == ['small.toml: expect[1] matches no cell (reason: "it paints black")']
 
 
-def test_what_cannot_be_told_is_3(desk: Desk) -> None:
+def test_a_run_without_an_answering_index_exits_with_3(desk: Desk) -> None:
     """An index that does not answer is a fault of the network alone."""
     text = 'requirements = ["fake-plain"]\nindex = { default = "http://127.0.0.1:9/" }\n'
     matrix = desk.matrix("m", text + 'cases = [{ imports = ["fake_plain"] }]\n[axes]\npython = ["host"]\n')
@@ -225,7 +225,7 @@ def test_fresh_measures_again_from_the_caches(desk_with_results: Desk) -> None:
     assert (cell["verdict"], cell["reused"]) == ("works", False)
 
 
-def test_what_was_resolved_offline_is_resolved_again_with_the_network(desk: Desk) -> None:
+def test_an_offline_resolution_is_made_again_with_the_network(desk: Desk) -> None:
     """An offline resolution may be older than the newest release: a later run with the network resolves again.
 
     The later run then keeps its own answer.
@@ -246,7 +246,7 @@ def test_what_was_resolved_offline_is_resolved_again_with_the_network(desk: Desk
         pytest.param(("[axes]", '[axes.more]\nx = { environment = { ANOTHER = "1" } }\n[axes]'), None, id="variable"),
     ],
 )
-def test_what_was_changed_is_measured_again(
+def test_changed_cells_are_measured_again(
     change: tuple[str, str], again: set[str] | None, desk_with_results: Desk
 ) -> None:
     """Settings and variables of a cell are part of its results' key: only the changed cells are measured again."""
@@ -263,7 +263,7 @@ def test_a_variable_of_the_user_that_cells_see_is_measured_again(desk_with_resul
     assert cells["good"]["reused"] is False
 
 
-def test_what_failed_is_tried_again_on_another_system(desk_with_results: Desk) -> None:
+def test_a_red_phase_is_measured_again_on_another_system(desk_with_results: Desk) -> None:
     """A red phase is measured again on a changed system, for example with a new library; a passed one is reused."""
     vault = Vault(desk_with_results.state)
     claims = sorted((vault.folder / "ac").glob("*/*"))
@@ -297,7 +297,7 @@ def test_a_failed_build_is_tried_again_on_another_system(desk: Desk) -> None:
     ]
 
 
-def test_verify_makes_a_damaged_environment_anew(desk: Desk) -> None:
+def test_verify_rebuilds_a_damaged_environment(desk: Desk) -> None:
     """`--verify` makes an environment again if its files differ from its wheels."""
     own = desk.folder / "own-cache"
     asked = ("run", desk.matrix("small", SMALL.read_text()), "-k", "*-good", "--json")

@@ -230,7 +230,7 @@ def test_less_is_not_kept_over_more(desk_with_results: Desk) -> None:
     assert {name: cell["verdict"] for name, cell in cells.items()} == {"good": "works", "blank": "partial"}
 
 
-def test_what_is_no_number_of_cells(desk: Desk) -> None:
+def test_a_wrong_number_of_jobs_is_refused(desk: Desk) -> None:
     """`-j` takes a number or `auto`."""
     ran = desk.run("run", desk.matrix("small", SMALL.read_text()), "-j", "many")
     assert (ran.code, ran.err.splitlines()[-1]) == (
@@ -259,7 +259,7 @@ def test_until_install_then_offline(desk: Desk, serve: Callable[..., str], tmp_p
 # --- nothing changed ---------------------------------------------------------------------------------------------
 
 
-def test_what_stands_is_left_alone(desk_with_results: Desk) -> None:
+def test_an_unchanged_run_writes_nothing(desk_with_results: Desk) -> None:
     """A run without changes writes no record and no report; an edited report is written again."""
     desk_with_results.run("run", "small.toml")
     folder = desk_with_results.state / "reports" / "small"

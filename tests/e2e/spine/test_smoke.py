@@ -168,7 +168,7 @@ def test_workers_need_no_matrix_and_leave_what_a_run_leaves(desk: Desk) -> None:
     assert volatile.sub("", (desk.state / "reports" / "small" / "report.json").read_text()) == volatile.sub("", report)
 
 
-def test_what_was_measured_in_part_is_no_record(desk: Desk) -> None:
+def test_a_cell_measured_in_part_is_no_record(desk: Desk) -> None:
     """A cell measured in part has no record and no report; its results are kept all the same."""
     desk.matrix("small", SMALL.read_text())
     ran = smoke(desk, "-k", f"{PREFIX}-good and not verdict")  # the id of earlier versions
@@ -293,7 +293,7 @@ def test_without_a_matrix_a_function_that_asks_for_a_cell_says_so(desk_with_resu
 # --- what says nothing about packages --------------------------------------------------------------------------
 
 
-def test_what_cannot_be_told_fails_and_what_is_not_here_is_skipped(desk: Desk) -> None:
+def test_inconclusive_items_fail_and_missing_ones_are_skipped(desk: Desk) -> None:
     """An index that does not answer fails items with `inconclusive` first in each message.
 
     An absent Python is a reason to skip.

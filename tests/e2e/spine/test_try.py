@@ -14,14 +14,14 @@ from harness.machine import this_machine
 HERE = platform.python_version()
 
 
-def test_what_works_is_one_line(desk: Desk) -> None:
+def test_a_working_answer_is_one_line(desk: Desk) -> None:
     """The answer names the phases that passed, the environment and the Python."""
     ran = _try(desk, "fake-healthy==1.0", "--env", "fake_healthy:Healthy-v0")
     works = f"works: fake-healthy 1.0: import, single, vector, render of fake_healthy:Healthy-v0 on Python {HERE}\n"
     assert ran == (0, works)
 
 
-def test_what_does_not_says_why_and_what_next(desk: Desk) -> None:
+def test_a_red_answer_ends_with_the_reason_and_the_next_command(desk: Desk) -> None:
     """A red answer ends with the decisive line and the next command, and that command works."""
     code, out = _try(desk, "fake-blank-frame==1.0", "--env", "fake_blank_frame:BlankFrame-v0")
     cell = out.rpartition(" ")[2].strip()
@@ -39,7 +39,7 @@ def test_what_does_not_says_why_and_what_next(desk: Desk) -> None:
     assert desk.run("show", f"try/py{HERE}-fake-blank-frame1.0").out == desk.run("show", cell).out
 
 
-def test_what_could_not_be_shown_is_named(desk: Desk) -> None:
+def test_a_phase_that_could_not_be_shown_is_named(desk: Desk) -> None:
     """If the requested drawing is impossible here, the other phases work and the render is not verified."""
     hidden = {"__EGL_VENDOR_LIBRARY_DIRS": str(desk.folder), "LIBGL_DRIVERS_PATH": str(desk.folder)}
     asked = ("fake-needs-gl==1.0", "--env", "fake_needs_gl:NeedsGl-v0", "--set", "MUJOCO_GL=egl")
@@ -90,7 +90,7 @@ def test_a_file_that_wants_another_python_is_3(desk: Desk) -> None:
     )
 
 
-def test_what_is_no_python_is_2(desk: Desk) -> None:
+def test_an_impossible_python_is_bad_input(desk: Desk) -> None:
     """A `--python` that can be no version is a mistake, not something this machine lacks; nothing is kept."""
     ran = desk.run("try", "fake-plain", "--python", "py311", **_index(desk))
     assert (ran.code, ran.out) == (2, "")
@@ -154,7 +154,7 @@ def test_an_id_that_nothing_registers_is_2(desk: Desk) -> None:
     assert not list(desk.state.glob("cells/*/try/*.json"))
 
 
-def test_what_was_not_run_is_no_part_of_works(desk: Desk) -> None:
+def test_a_package_that_was_not_run_is_no_part_of_works(desk: Desk) -> None:
     """A package that was only installed beside the environment makes the answer 3, and is named first."""
     code, out = _try(desk, "fake-plain", "fake-healthy", "--env", "fake_healthy:Healthy-v0")
     first, last = out.splitlines()

@@ -64,7 +64,7 @@ def test_a_project_with_a_typo_is_refused(desk: Desk) -> None:
     assert not (desk.folder / "matrices").exists()
 
 
-def test_what_another_package_asks_for_is_no_typo(desk: Desk) -> None:
+def test_a_missing_release_required_by_another_package_is_no_typo(desk: Desk) -> None:
     """A missing release that only another package requires stays `unresolvable`."""
     here = {"PIP_FIND_LINKS": str(desk.wheels), "PIP_NO_INDEX": "1"}
 

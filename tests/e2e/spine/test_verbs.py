@@ -107,7 +107,7 @@ def test_show_names_a_cell_that_was_not_run(desk_with_results: Desk) -> None:
     assert "no cell of this name was measured" in none.err
 
 
-def test_mistakes_of_a_run_are_said_before_it_starts(desk: Desk) -> None:
+def test_mistakes_of_a_run_are_refused_before_it_starts(desk: Desk) -> None:
     """Mistakes of a run end with code 2 before it starts.
 
     A pivot over no axis, one name for two matrices, no cell at all, no number of jobs: nothing is kept.

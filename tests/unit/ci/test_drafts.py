@@ -155,7 +155,7 @@ def test_a_matrix_does_not_become_a_package(texts: tuple[str, str, str], src: bo
     assert drafts.matrix_folder(*texts, src=src) == expected
 
 
-def test_a_wrong_specifier_is_told() -> None:
+def test_a_wrong_specifier_is_refused() -> None:
     """A wrong specifier is refused in one sentence that names the key."""
     with pytest.raises(BadInput) as caught:
         drafts.read_project('[project]\nname = "a"\nrequires-python = "3.10"', "", "a")
@@ -238,7 +238,7 @@ def test_the_tests_of_a_project(
     assert drafts.suite(extras, groups, folders, in_workflow=in_workflow) == expected
 
 
-def test_where_settings_name_the_tests_no_folder_is_given() -> None:
+def test_a_project_that_configures_its_tests_gets_no_folder() -> None:
     """pytest finds them itself, wherever they lie."""
     assert drafts.suite({}, {}, ("checks",), configured=True) == SuiteDraft()
 
@@ -339,7 +339,7 @@ def test_candidates_are_of_different_kinds_first() -> None:
     ]
 
 
-def test_what_a_cell_tells_may_be_anything() -> None:
+def test_answers_of_a_cell_may_have_any_shape() -> None:
     """Entries of another shape, or of an API that is not known, are left out."""
     facts = {
         "environments": [
@@ -417,7 +417,7 @@ def test_pins_of_every_leg_are_axes() -> None:
     assert draft.notes == ("Not taken over: more.txt.",)
 
 
-def test_what_some_legs_install_is_a_bundle_named_by_it() -> None:
+def test_packages_of_some_legs_are_a_bundle() -> None:
     """A label that is never installed is not among the names."""
     draft = drafted(
         '{ python: ["3.10", "3.11"], include: [{ gym: "1.2.3" }, { python: "3.10", gym: "0.29.1" }] }',
@@ -431,7 +431,7 @@ def test_what_some_legs_install_is_a_bundle_named_by_it() -> None:
     assert [cell.question.requirements for cell in found.cells] == [("gymnasium==0.29.1", "numpy<2,>=1.21"), ()]
 
 
-def test_what_is_handed_on_is_taken_at_its_word_and_told() -> None:
+def test_versions_handed_to_a_container_are_believed_and_reported() -> None:
     """A container gets the Python and numpy; what it does with them is not seen."""
     draft = drafted(
         '{ python: ["3.10"], numpy-version: [">=2.1", "<2"], mode: [fast] }',
@@ -445,7 +445,7 @@ def test_what_is_handed_on_is_taken_at_its_word_and_told() -> None:
     assert "numpy-version is handed to `docker build --build-arg ...`; it is taken at its word here." in draft.notes
 
 
-def test_whatever_a_matrix_lists_makes_a_file_that_plans() -> None:
+def test_every_line_of_a_workflow_makes_a_file_that_plans() -> None:
     """Lines and control characters stay inside comments; a Python that is not set up counts only where none is."""
     odd = drafted(
         '{ python: ["3.11", "x\\ny = 1 \\u0007"], n: [1, 2] }', "{ run: pip install numpy==1.26.$N, env: { N: 4 } }"

@@ -318,7 +318,7 @@ def test_words_are_quoted(text: str, quoted: str) -> None:
         ('{"url": "file:///home/me/s", "vcs_info": {"vcs": "git", "commit_id": "abc"}}', None),
     ],
 )  # fmt: skip
-def test_how_a_workflow_installs_this_simmatrix(noted: str | None, expected: str | None) -> None:
+def test_a_workflow_installs_simmatrix_as_it_is_installed_here(noted: str | None, expected: str | None) -> None:
     """A workflow installs simmatrix as it was installed here, unless from a folder, which no runner has."""
     assert pipelines.install_words(noted, "1.2") == expected
 

@@ -85,7 +85,7 @@ def test_combinations_are_those_of_github(matrix: dict[str, Any], expected: list
         ("include: ${{ fromJSON(needs.plan.outputs.legs) }}", "matrix.include: "),
     ],
 )
-def test_what_only_github_knows_is_told(matrix: str, note: str) -> None:
+def test_a_matrix_made_by_another_job_is_reported(matrix: str, note: str) -> None:
     """A matrix that another job makes cannot be read."""
     found = job(matrix)
 
@@ -94,7 +94,7 @@ def test_what_only_github_knows_is_told(matrix: str, note: str) -> None:
     assert found.notes[0].endswith(" is known only when the workflow runs")
 
 
-def test_an_entry_that_was_meant_to_add_a_leg_is_told() -> None:
+def test_an_entry_meant_to_add_a_leg_is_reported() -> None:
     """It fits a leg whose own values it leaves alone, and takes away what an earlier entry had added."""
     found = job("python: ['3.10', '3.11']\ninclude: [{ gym: 1.2.3 }, { python: '3.10', gym: 0.29.1 }]")
 
@@ -102,7 +102,7 @@ def test_an_entry_that_was_meant_to_add_a_leg_is_told() -> None:
     assert found.notes == ("include[1] adds no combination: it replaces gym 1.2.3 by 0.29.1 on python 3.10",)
 
 
-def test_a_version_that_yaml_shortens_is_told() -> None:
+def test_a_version_that_yaml_shortens_is_reported() -> None:
     """3.10 without quotes is 3.1; `on` stays a text."""
     found = job("python: [3.9, 3.10]\nflag: [on, 2025-01-01]\nexclude: [{ python: 3.8 }]")
 
@@ -163,14 +163,14 @@ def test_a_value_whose_step_is_left_out_is_never_installed() -> None:
         ("- run: pip install ${{ toJSON(matrix) }}", (Fate.INSTALLED, "")),
     ],
 )  # fmt: skip
-def test_what_became_of_a_value(steps: str, expected: tuple[Fate, str]) -> None:
+def test_the_use_of_a_value_in_a_workflow(steps: str, expected: tuple[Fate, str]) -> None:
     """Installed, installed otherwise, handed to what cannot be seen into, or never."""
     found = job("gymnasium-version: ['1.2.3']", steps)
 
     assert fates(found, "gymnasium-version") == [("1.2.3", *expected)]
 
 
-def test_a_python_that_is_set_up_otherwise_is_told() -> None:
+def test_a_python_set_up_otherwise_is_reported() -> None:
     """A fixed Python makes legs that are all the same."""
     fixed = '- uses: actions/setup-python@v5\n  with: { python-version: "3.10" }\n'
 
@@ -222,7 +222,7 @@ def test_steps_of_any_shape_are_read(steps: str) -> None:
         ("jobs: { a: {}, b: {} }", "ci.yml: none of its jobs (a, b) has a strategy.matrix"),
     ],
 )
-def test_what_is_no_workflow_is_told(text: str, message: str) -> None:
+def test_a_file_that_is_no_workflow_is_refused(text: str, message: str) -> None:
     """One sentence with the file, instead of a traceback."""
     with pytest.raises(BadInput) as caught:
         read(text, "ci.yml")

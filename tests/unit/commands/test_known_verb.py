@@ -28,7 +28,7 @@ def fresh(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch:
 
 
 @pytest.mark.parametrize("asked", [["gymnasium", "mujoco"], ["robosuite", "torch"], ["metaworld"], ["gym", "--all"]])
-def test_what_recommend_prints_opens(capsys: pytest.CaptureFixture[str], asked: list[str]) -> None:
+def test_commands_that_recommend_prints_open(capsys: pytest.CaptureFixture[str], asked: list[str]) -> None:
     """Each `simmatrix show CELL` and `simmatrix known ID` of an answer works."""
     main(["recommend", *asked])
     said = capsys.readouterr().out
@@ -67,7 +67,7 @@ def test_reports_open_by_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert 'did you mean "quickstart"?' in capsys.readouterr().err
 
 
-def test_what_is_known_is_listed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_measured_packages_and_known_issues_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     """Packages that cases ran, and all known issues, by a schema."""
     assert main(["known", "--json"]) == 0
 
@@ -100,7 +100,9 @@ def test_a_package_is_opened(capsys: pytest.CaptureFixture[str]) -> None:
         (["show", "quickstart/py3.11_gymnasium-1.4.0_mujoco-3.3.8"], "did you mean quickstart/py3.11_gymnasium-1.4.0_"),
     ],
 )
-def test_a_wrong_name_is_told_the_nearest(capsys: pytest.CaptureFixture[str], arguments: list[str], near: str) -> None:
+def test_a_wrong_name_is_answered_with_the_nearest(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], near: str
+) -> None:
     """A wrong name is bad input, exit code 2, and the message suggests the nearest name."""
     assert main(arguments) == 2
     assert near in capsys.readouterr().err

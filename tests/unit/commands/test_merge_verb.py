@@ -82,7 +82,7 @@ def test_machines_keep_their_files(shards: Path) -> None:
     assert logs == {HERE: f"evidence/install/log.txt on {HERE}\n", "z": "evidence/install/log.txt on z\n"}
 
 
-def test_what_is_printed(shards: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_document_alone_is_on_stdout(shards: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`--format md` prints the page, `--json` the document with paths from here; nothing else is on stdout."""
     main(["merge", "shards", "--format", "md"])
     assert capsys.readouterr().out == Path(".harness/merged/report.md").read_text()

@@ -31,7 +31,7 @@ def fresh(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch:
     return tmp_path
 
 
-def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:
+def recommend(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict[str, Any]]:
     """Return exit code and document of `recommend`."""
     code = main(["recommend", *arguments, "--json"])
     document = json.loads(capsys.readouterr().out)
@@ -39,9 +39,11 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, dict
     return code, document
 
 
-def test_what_was_measured_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_measured_cells_are_listed_with_their_locks(capsys: pytest.CaptureFixture[str]) -> None:
     """robosuite with gymnasium, rendering, on Python 3.11: measured cells, each with the lock that its report has."""
-    code, document = told(capsys, "robosuite", "gymnasium", "--python", "3.11", "--needs", "render", "--limit", "9")
+    code, document = recommend(
+        capsys, "robosuite", "gymnasium", "--python", "3.11", "--needs", "render", "--limit", "9"
+    )
 
     assert code == 0
     assert len(document["measured"]) == document["found"] > 1
@@ -110,7 +112,7 @@ def test_lines_fit_the_terminal(
 
 
 @pytest.mark.parametrize("name", ["pettingzoo", "rsl-rl-lib", "pandas"])
-def test_what_was_never_run_is_never_good(capsys: pytest.CaptureFixture[str], name: str) -> None:
+def test_a_package_that_never_ran_is_never_good(capsys: pytest.CaptureFixture[str], name: str) -> None:
     """Packages that only lay in locks of the shipped results."""
     assert main(["recommend", name]) == 1
 
@@ -119,7 +121,7 @@ def test_what_was_never_run_is_never_good(capsys: pytest.CaptureFixture[str], na
 
 def test_never_measured_together_is_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
     """Each half as it was measured, and a command with versions that exist."""
-    code, document = told(capsys, "robosuite", "torch")
+    code, document = recommend(capsys, "robosuite", "torch")
     main(["recommend", "robosuite", "torch"])
 
     said = capsys.readouterr().out.splitlines()
@@ -148,9 +150,9 @@ def test_unknown_says_what_would_measure_it(capsys: pytest.CaptureFixture[str]) 
     assert said.out.endswith("next\n  simmatrix try gymnasiun --python 3.11 --env Ant-v5\n")
 
 
-def test_what_is_near_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+def test_results_of_other_pythons_are_shown(capsys: pytest.CaptureFixture[str]) -> None:
     """If nothing was measured on this Python, results of other Pythons are shown, but do not count as an answer."""
-    code, document = told(capsys, "gym==0.26.2", "--python", "3.99")
+    code, document = recommend(capsys, "gym==0.26.2", "--python", "3.99")
 
     assert (code, document["measured"], document["found"]) == (1, [], 0)
     assert document["nearby"]["where"] == "on other Pythons than 3.99"
@@ -161,7 +163,7 @@ def test_inferred_is_no_answer(capsys: pytest.CaptureFixture[str]) -> None:
     """An inferred combination is marked as such, with the cells it follows from, and the exit code is 1."""
     cells = {cell["id"]: cell for cell in json.loads((REPORTS / "robosuite/report.json").read_text())["cells"]}
 
-    code, document = told(capsys, "gymnasium==1.0.0", "mujoco==3.6.0", "--python", "3.11", "--offline")
+    code, document = recommend(capsys, "gymnasium==1.0.0", "mujoco==3.6.0", "--python", "3.11", "--offline")
 
     assert (code, document["measured"]) == (1, [])
     (one,) = document["inferred"]

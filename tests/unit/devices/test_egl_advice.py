@@ -23,7 +23,7 @@ MUST_BE = "RuntimeError: Environment variable MUJOCO_GL must be one of"
 NO_WINDOW = "FatalError: an OpenGL platform library has not been loaded into this process"
 
 
-def told(variables: dict[str, str], here: DrawingSupport) -> list[Any]:
+def advise(variables: dict[str, str], here: DrawingSupport) -> list[Any]:
     """Return the device, the way of drawing or the error of each library, in order."""
     results = egl_advice.outcomes(variables, here)
     return [(one.error or (one.way if one.device is None else one.device)) for one in results]
@@ -33,7 +33,7 @@ def test_a_device_that_cuda_has_and_egl_has_not() -> None:
     """Only robosuite reads CUDA_VISIBLE_DEVICES as a place in EGL's list; the finding says whose number it is."""
     variables = {"MUJOCO_GL": "egl", "CUDA_VISIBLE_DEVICES": "3"}
 
-    assert told(variables, ONE) == [f"{RANGE}, got 3.", 0, 0, 0, 0]
+    assert advise(variables, ONE) == [f"{RANGE}, got 3.", 0, 0, 0, 0]
     ((error, failing),) = egl_advice.troubles(variables, ONE).items()
     assert egl_advice.describe_error(error, failing, variables) == (
         f"robosuite 1.4, 1.5 cannot draw here: {RANGE}, got 3. (the number is that of CUDA_VISIBLE_DEVICES=3)"
@@ -49,8 +49,8 @@ def test_a_device_that_cuda_has_and_egl_has_not() -> None:
 
 def test_no_way_of_drawing_chosen_and_no_display() -> None:
     """robosuite takes EGL by itself; all others open a window, which is foretold to fail."""
-    assert [str(one)[: len(NO_WINDOW)] for one in told({}, ONE)] == ["0", *[NO_WINDOW] * 4]
-    assert told({}, DrawingSupport(devices=(), osmesa=False, display=True))[1:] == ["glfw"] * 4
+    assert [str(one)[: len(NO_WINDOW)] for one in advise({}, ONE)] == ["0", *[NO_WINDOW] * 4]
+    assert advise({}, DrawingSupport(devices=(), osmesa=False, display=True))[1:] == ["glfw"] * 4
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_no_way_of_drawing_chosen_and_no_display() -> None:
 )  # fmt: skip
 def test_ways_of_drawing(variables: dict[str, str], wanted: list[str]) -> None:
     """MUJOCO_GL and PYOPENGL_PLATFORM decide how each library draws, or how it fails."""
-    found = [str(one)[: len(beginning)] for one, beginning in zip(told(variables, ONE), wanted, strict=True)]
+    found = [str(one)[: len(beginning)] for one, beginning in zip(advise(variables, ONE), wanted, strict=True)]
 
     assert found == wanted
 
@@ -81,7 +81,7 @@ def test_libraries_that_draw_apart() -> None:
     """MuJoCo 4 counts as CUDA does, the others as EGL does: under one number they draw on two devices."""
     variables = {"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "0"}
 
-    assert told(variables, CROSSED) == [0, 0, 1, 1, 0]
+    assert advise(variables, CROSSED) == [0, 0, 1, 1, 0]
     assert egl_advice.describe_disagreement(variables, CROSSED) == (
         "the libraries draw on different EGL devices here: device 0: robosuite 1.4, 1.5, MuJoCo before 4, dm_control;"
         " device 1: MuJoCo 4, gymnasium (MuJoCo 4)"
@@ -102,7 +102,7 @@ def test_a_device_that_was_given_is_the_one_recommended() -> None:
     )
 
 
-def test_where_no_number_suits_all() -> None:
+def test_a_gpu_for_most_comes_before_the_cpu_for_all() -> None:
     """A GPU for most comes before the CPU for all; who cannot draw is said."""
     here = DrawingSupport(devices=(Device(works=False), Device(cuda=0), Device(cuda=1)), osmesa=True, display=False)
 

@@ -27,7 +27,7 @@ SEVERAL = [Device(cuda=1), Device(cuda=0), Device()]
 """Two GPUs that CUDA counts the other way round, and a software device."""
 
 
-def told(case: dict[str, Any], environment: dict[str, str]) -> tuple[Settings, str]:
+def settings_of(case: dict[str, Any], environment: dict[str, str]) -> tuple[Settings, str]:
     """Return the settings that a case asks for, and the library that draws."""
     found = re.fullmatch(r"device-(\d)", case["case"])
     library = "robosuite" if case["env"].startswith("robosuite:") else case["case"]
@@ -39,7 +39,7 @@ def told(case: dict[str, Any], environment: dict[str, str]) -> tuple[Settings, s
 
 
 @pytest.mark.parametrize("cell", ABOUT_DEVICES or [None], ids=str)
-def test_every_measured_cell_is_foretold(cell: str | None) -> None:
+def test_the_rules_predict_every_measured_cell(cell: str | None) -> None:
     """The rules predict the device of each case, or its error and the phase in which it is raised."""
     if cell is None:  # the report is missing, which another test tells
         return
@@ -52,14 +52,14 @@ def compare(cell: dict[str, Any]) -> None:
     given = {name: value for name, value in cell["environment"].items() if value}
     environment = {**given, **dict.fromkeys(empty, "")}
     for case in cell["cases"]:
-        settings, library = told(case, environment)
+        settings, library = settings_of(case, environment)
         installed = cell["installed"]
         release = installed["dm-control" if library == "dm_control" else library]
         choice = choose_device(library, release, settings, [Device()], installed.get("mujoco"))
-        assert seen(case) == expected(choice, library, settings)
+        assert result_of(case) == expected(choice, library, settings)
 
 
-def seen(case: dict[str, Any]) -> tuple[str, str | None]:
+def result_of(case: dict[str, Any]) -> tuple[str, str | None]:
     """Return the phase in which a case failed, or the device it drew on, and the line that says why."""
     checks = case["checks"]
     failed = next((check for check, outcome in checks.items() if outcome == "failed"), "")
@@ -136,6 +136,6 @@ def test_no_more_than_ten_devices_are_looked_at() -> None:
 
 
 @pytest.mark.parametrize(("mujoco", "stage"), [("3.2.4", Stage.IMPORT), ("3.2.5", Stage.MAKE)])
-def test_when_it_is_decided(mujoco: str, stage: Stage) -> None:
+def test_the_display_is_opened_at_import_or_at_rendering(mujoco: str, stage: Stage) -> None:
     """MuJoCo before 3.2.5 opens its display when it is imported, even if another library renders."""
     assert choose_device("robosuite", "1.5.0", Settings(egl="7"), SEVERAL, mujoco).stage is stage

@@ -55,12 +55,12 @@ VECTOR = phase(Phase.VECTOR, Outcome.FAILED, XML, masked_by=RESET, evidence="evi
 MASKED = record(case("ppfp", vector=VECTOR))
 
 
-def known(**logs: dict[str, str]) -> Knowledge:
+def knowledge(**logs: dict[str, str]) -> Knowledge:
     """Return the signatures above, with texts kept at `evidence/NAME`."""
     return make_knowledge(*KNOWN, **logs)
 
 
-def test_what_a_failure_says() -> None:
+def test_texts_of_a_failure() -> None:
     """Its lines first, what hid them last of these; findings and what was kept of its phase are beside."""
     reply = [
         {"check": "vector.sync", "outcome": "failed", "raised": {"type": "E", "traceback": "File a\nE: deep"}},
@@ -79,14 +79,14 @@ def test_what_a_failure_says() -> None:
     logs = {"v": {"log.txt": "libEGL warning", "reply.jsonl": lines}}
     found = (warning("vector.repeat", "another trajectory"),)
     failed = replace(VECTOR, findings=found)
-    (told,) = assess(record(case("ppfp", vector=failed)), known(**logs)).failures
+    (told,) = assess(record(case("ppfp", vector=failed)), knowledge(**logs)).failures
     assert (told.phase, told.reasons, told.signal) == (Phase.VECTOR, (XML, RESET), None)
     assert told.logs == (
         "another trajectory", "libEGL warning", "File a\nE: deep", "File b", "KeyError: 'x'", "of a worker",
     )  # fmt: skip
 
 
-def test_what_was_observed_of_a_failure() -> None:
+def test_observations_of_a_failure_come_with_their_lines() -> None:
     """Each observation comes with its line: the line that says why, or that of a finding beside it."""
     said, beside = (Observed(check="vector.sync", code=code) for code in ("vector.rewards", "vector.repeat"))
     check = CheckRecord(check="vector.sync", outcome=Outcome.FAILED, decisive=XML, observed=said)
@@ -110,7 +110,7 @@ def test_a_step_of_the_host_and_a_signal() -> None:
 
 
 @pytest.mark.parametrize(("locked", "found"), [(("gymnasium==1.2.3",), ["xml"]), (("gymnasium==2.0",), []), ((), [])])
-def test_what_a_lock_holds_takes_part(locked: tuple[str, ...], found: list[str]) -> None:
+def test_packages_of_the_lock_take_part(locked: tuple[str, ...], found: list[str]) -> None:
     """After a failed install, packages that nobody named are those of the lock."""
     (one,) = (each for each in KNOWN if each.id == "xml")
     generic = msgspec.structs.replace(one, generic=True, phases=(Phase.INSTALL,))
@@ -125,12 +125,12 @@ def test_what_a_lock_holds_takes_part(locked: tuple[str, ...], found: list[str])
 def test_only_red_cells_are_diagnosed(letters: str) -> None:
     """Of what works, or says nothing about packages, no cause is sought."""
     made = record(case(letters, single=phase(Phase.SINGLE, Outcome.PASSED, findings=(warning("x", "XML Error"),))))
-    assert assess(made, known()).diagnoses == ()
+    assert assess(made, knowledge()).diagnoses == ()
 
 
 def test_the_document_has_the_cause_before_its_mask() -> None:
     """The cause has all that a reader needs; a missing package rules a signature out."""
-    red = entry(MASKED, known())
+    red = entry(MASKED, knowledge())
     first = DiagnosisEntry(
         signature="xml",
         cause="the model is wrong",
@@ -144,7 +144,7 @@ def test_the_document_has_the_cause_before_its_mask() -> None:
     assert red.diagnoses[0] == first
     assert [each.signature for each in red.diagnoses] == ["xml", "mask"]
     other = replace(MASKED, installed={"gymnasium": "2.0"})
-    assert [each.signature for each in entry(other, known()).diagnoses] == ["mask"]
+    assert [each.signature for each in entry(other, knowledge()).diagnoses] == ["mask"]
     assert entry(MASKED, Knowledge()).diagnoses == ()
 
 
@@ -152,10 +152,10 @@ def test_a_mask_that_was_seen_through_is_no_cause() -> None:
     """It is among the diagnoses, and nobody is told that it is the reason; where nothing was found behind it, it is."""
     through = replace(VECTOR, decisive="worker killed by SIGKILL", checks=())
     check = CheckRecord(check="vector.sync", outcome=Outcome.FAILED, decisive=through.decisive, masked_by=RESET)
-    seen = entry(record(case("ppfp", vector=replace(through, checks=(check,)))), known())
+    seen = entry(record(case("ppfp", vector=replace(through, checks=(check,)))), knowledge())
     assert [each.signature for each in seen.diagnoses] == ["mask"]
     assert counted(seen) == ()
-    bare = entry(record(case("ppfp", vector=replace(VECTOR, decisive=RESET, checks=()))), known())
+    bare = entry(record(case("ppfp", vector=replace(VECTOR, decisive=RESET, checks=()))), knowledge())
     assert [each.signature for each in counted(bare)] == ["mask"]
 
 
@@ -168,14 +168,14 @@ def expecting(signature: str) -> CellRecord:
 @pytest.mark.parametrize(("signature", "fits"), [("xml", True), ("mask", False), ("crash", False)])
 def test_a_cell_can_be_expected_to_fail_in_a_known_way(signature: str, fits: bool) -> None:
     """An expected failure is recognised by its cause, never by its mask."""
-    assert entry(expecting(signature), known()).as_expected is fits
+    assert entry(expecting(signature), knowledge()).as_expected is fits
 
 
 def test_a_mask_counts_where_nothing_else_is_known() -> None:
     """So a cell can be expected to fail by one."""
     bare = replace(VECTOR, decisive=RESET, checks=())
     made = replace(expecting("mask"), cases=(case("ppfp", vector=bare),))
-    assert entry(made, known()).as_expected is True
+    assert entry(made, knowledge()).as_expected is True
 
 
 def test_kept_texts_are_read_to_a_bound(tmp_path: Path) -> None:
@@ -191,7 +191,7 @@ def test_kept_texts_are_read_to_a_bound(tmp_path: Path) -> None:
     assert shipped_signatures.texts(tmp_path / "gone") == {}
 
 
-def test_where_signatures_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_signatures_come_from_the_named_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A variable names another folder of signatures, or none if it is empty; a wrong folder is refused."""
     monkeypatch.setenv(signature_files.VARIABLE, "")
     assert shipped_signatures.load_all() == ()

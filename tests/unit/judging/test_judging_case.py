@@ -35,13 +35,13 @@ def first(wanted: CasePlan) -> Request:
     return request
 
 
-def asks(wanted: CasePlan, *runs: Reading) -> list[str]:
+def next_checks(wanted: CasePlan, *runs: Reading) -> list[str]:
     """Return the checks of the request that comes after these runs; none if nothing is left to ask."""
     request = todo(wanted, fold(wanted, runs))
     return list(request.limits) if request else []
 
 
-def came_to(wanted: CasePlan, *runs: Reading) -> dict[Phase, PhaseRecord]:
+def phases_after(wanted: CasePlan, *runs: Reading) -> dict[Phase, PhaseRecord]:
     """Return the phases of a case after these runs."""
     return phases(wanted, fold(wanted, runs))
 
@@ -64,8 +64,8 @@ def test_a_case_that_passes_is_compared_with_a_second_process_and_done() -> None
     whole = reading(WHOLE, passed(*ALL))
 
     assert todo(plan_case(), fold(plan_case(), [whole])) == AGAIN
-    assert asks(plan_case(), whole, COMPARED) == []
-    assert set(outcomes(came_to(plan_case(), whole, COMPARED)).values()) == {"passed"}
+    assert next_checks(plan_case(), whole, COMPARED) == []
+    assert set(outcomes(phases_after(plan_case(), whole, COMPARED)).values()) == {"passed"}
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_another_trajectory_is_a_finding(second: list[str], text: str | None) ->
     whole = reading(WHOLE, [*passed("import.modules"), *loop, *passed(*ALL[2:])])
     other = reading(AGAIN, [Check(name="single.repeat", facts={"trajectory": second})])
 
-    found = came_to(plan_case(), whole, other)[Phase.SINGLE].findings
+    found = phases_after(plan_case(), whole, other)[Phase.SINGLE].findings
     assert [one.text for one in found] == ([text] if text else [])
 
 
@@ -90,11 +90,11 @@ def test_after_a_death_the_rest_goes_on_in_a_fresh_process() -> None:
     """A crash ends the check that was running; those that need it are not asked for."""
     died = reading(WHOLE, [*passed(*ALL[:2]), Check(name="vector.sync", outcome=DIED)], end=CRASH)
 
-    assert asks(plan_case(), died) == ["vector.async.fork", "render.rgb_array"]
+    assert next_checks(plan_case(), died) == ["vector.async.fork", "render.rgb_array"]
     dead = reading(WHOLE, [*passed(*ALL[:1]), Check(name="single.loop", outcome=DIED)], end=CRASH)
-    assert asks(plan_case(), dead) == []
-    assert outcomes(came_to(plan_case(), dead)) == {"import": "passed", "single": "crashed"}
-    assert came_to(plan_case(), dead)[Phase.SINGLE].decisive == "killed by SIGSEGV"
+    assert next_checks(plan_case(), dead) == []
+    assert outcomes(phases_after(plan_case(), dead)) == {"import": "passed", "single": "crashed"}
+    assert phases_after(plan_case(), dead)[Phase.SINGLE].decisive == "killed by SIGSEGV"
 
 
 def test_a_limit_that_ran_out_is_doubled_once() -> None:
@@ -105,7 +105,7 @@ def test_a_limit_that_ran_out_is_doubled_once() -> None:
     assert again
     assert again.limits["single.loop"] == 240.0
     second = reading(again, [Check(name="single.loop", outcome=DIED)], end=replace(OVERRAN, overran=240.0))
-    found = came_to(plan_case(), slow, second)[Phase.SINGLE]
+    found = phases_after(plan_case(), slow, second)[Phase.SINGLE]
     assert (found.outcome, found.decisive, found.attempts) == (Outcome.TIMED_OUT, "no end within 240 s", 2)
 
 
@@ -117,41 +117,41 @@ def test_a_process_that_somebody_killed_is_tried_once_more(checks: tuple[Check, 
 
     assert again
     second = reading(again, [Check(name=next(iter(again.limits)), outcome=DIED)], end=KILLED)
-    found = list(came_to(plan_case(), killed, second).values())[-1]
+    found = list(phases_after(plan_case(), killed, second).values())[-1]
     assert (found.outcome, found.decisive, found.attempts) == (Outcome.INFRA, SHOT, 2)
 
 
-def test_an_environment_in_pieces_is_met_twice_before_it_is_told() -> None:
+def test_an_environment_in_pieces_is_met_twice_before_it_is_reported() -> None:
     """The first time the same is asked once more."""
     failed = [*passed(*ALL[:1]), Check(name="single.loop", outcome=FAILED, message="no file")]
     broken = reading(WHOLE, failed, host=replace(HERE, stood=False))
 
     assert todo(plan_case(), fold(plan_case(), [broken])) == WHOLE
-    found = came_to(plan_case(), broken, broken)[Phase.IMPORT]
+    found = phases_after(plan_case(), broken, broken)[Phase.IMPORT]
     assert (found.outcome, found.decisive) == (Outcome.INFRA, TAKEN_AWAY)
 
 
-def test_byte_code_in_pieces_is_made_anew() -> None:
+def test_broken_byte_code_is_compiled_again() -> None:
     """Python keeps what it could write of it where a disk was full."""
     check = Check(name="import.modules", outcome=FAILED, message="EOFError: marshal data too short")
     cut = reading(WHOLE, [check])
 
     assert todo(plan_case(), fold(plan_case(), [cut])) == replace(WHOLE, recompiled=True)
     whole = reading(replace(WHOLE, recompiled=True), passed(*ALL))
-    assert set(outcomes(came_to(plan_case(), cut, whole)).values()) == {"passed"}
+    assert set(outcomes(phases_after(plan_case(), cut, whole)).values()) == {"passed"}
 
 
 def test_a_probe_that_did_not_start() -> None:
     """No package was tried; where Python alone does not start with what is installed, one is at fault."""
     printed = {"log.txt": b"Fatal Python error: no module named encodings\n"}
     silent = reading(WHOLE, texts=printed, end=End(exit_code=1))
-    found = came_to(plan_case(), silent)[Phase.IMPORT]
+    found = phases_after(plan_case(), silent)[Phase.IMPORT]
     assert found.outcome is Outcome.INFRA
     assert found.decisive == "the probe did not start: Fatal Python error: no module named encodings"
 
     why = "Python does not start with what is installed: ValueError: bad .pth"
     blamed = reading(WHOLE, end=End(exit_code=1), host=replace(HERE, bare_start=why))
-    found = came_to(plan_case(), blamed)[Phase.IMPORT]
+    found = phases_after(plan_case(), blamed)[Phase.IMPORT]
     assert (found.outcome, found.decisive) == (Outcome.FAILED, why)
 
 
@@ -159,7 +159,7 @@ def test_another_python_tries_nothing() -> None:
     """An environment whose interpreter was replaced says nothing of the packages."""
     other = reading(WHOLE, passed(*ALL), host=replace(HERE, python="3.12.1"))
 
-    found = came_to(plan_case(), other)[Phase.IMPORT]
+    found = phases_after(plan_case(), other)[Phase.IMPORT]
     assert (found.outcome, found.decisive) == (
         Outcome.INFRA,
         f"the environment's Python is {PYTHON}, not 3.12.1",
@@ -199,7 +199,7 @@ def test_a_failure_is_confirmed(ended: tuple[str, ...], outcome: Outcome, decisi
     """A failure is run again; a check that also passes is flaky."""
     made, wanted = verified(*ended)
 
-    found = came_to(wanted, *made)[Phase.SINGLE]
+    found = phases_after(wanted, *made)[Phase.SINGLE]
     assert (found.outcome, found.decisive) == (outcome, decisive)
     assert [one.run.request.confirms for one in made] == [False, False, True, True]
 
@@ -209,9 +209,9 @@ def test_runs_that_confirmed_are_no_less_without_that() -> None:
     made, _ = verified(FAILED, FAILED, FAILED)
     plain = plan_case(replace(CASE, checks=ALL[:2]))
 
-    assert asks(plain, *made) == []
+    assert next_checks(plain, *made) == []
     whole = reading(first(plain), [*passed(*ALL[:1]), Check(name="single.loop", outcome=FAILED)])
-    assert asks(plan_case(replace(CASE, checks=ALL[:2]), verify=True), whole) == ["import.modules"]
+    assert next_checks(plan_case(replace(CASE, checks=ALL[:2]), verify=True), whole) == ["import.modules"]
 
 
 # --- what is taken over ---------------------------------------------------------------------------------------------
@@ -222,7 +222,7 @@ def test_a_changed_check_measures_that_check_alone(check: str) -> None:
     """All others are known from the run that showed them."""
     whole = reading(WHOLE, passed(*ALL))
 
-    assert asks(plan_case(program={check: "changed"}), whole, COMPARED) == [check]
+    assert next_checks(plan_case(program={check: "changed"}), whole, COMPARED) == [check]
 
 
 def test_a_changed_check_that_follows_another_is_looked_at_alone() -> None:
@@ -239,8 +239,8 @@ def test_a_changed_check_that_follows_another_is_looked_at_alone() -> None:
         [Check(name="single.loop", findings=("another loop",)), Check(name="single.state", findings=("odd state",))],
         program={"single.loop": "of-today", "single.state": "changed"},
     )
-    found = came_to(changed, whole, COMPARED, new)[Phase.SINGLE]
-    assert asks(changed, whole, COMPARED, new) == []
+    found = phases_after(changed, whole, COMPARED, new)[Phase.SINGLE]
+    assert next_checks(changed, whole, COMPARED, new) == []
     assert [one.text for one in found.findings] == ["odd loop", "odd state"]
     assert found.checks[0].check == "single.loop"
 
@@ -255,8 +255,8 @@ def test_a_check_that_could_not_follow_is_asked_for_once_in_a_run(checks: tuple[
     program = {"single.loop": "of-today", "single.contact": "changed"}
     runs = [whole, COMPARED, reading(request, checks, program=program)]
 
-    assert asks(changed, *runs) == []
-    assert outcomes(came_to(changed, *runs))["single"] == "passed"
+    assert next_checks(changed, *runs) == []
+    assert outcomes(phases_after(changed, *runs))["single"] == "passed"
     assert todo(changed, fold(changed, runs).reusable("here", failed_too=True)) == request
 
 
@@ -270,7 +270,7 @@ def test_findings_of_a_changed_check_go_with_it() -> None:
     assert request
     new = reading(request, passed("vector.sync"), program={"vector.sync": "changed"})
 
-    found = came_to(changed, whole, new, COMPARED)
+    found = phases_after(changed, whole, new, COMPARED)
     assert [one.text for record in found.values() for one in record.findings] == ["odd loop"]
 
 
@@ -280,7 +280,7 @@ def test_a_later_run_counts() -> None:
     drawn = Request(case=CASE, limits={"render.rgb_array": 120.0}, followers=wire.FOLLOWERS["render.rgb_array"])
     again = reading(drawn, passed("render.rgb_array"))
 
-    assert outcomes(came_to(plan_case(), failed, again))["render"] == "passed"
+    assert outcomes(phases_after(plan_case(), failed, again))["render"] == "passed"
 
 
 TROUBLE = End(exit_code=1, full=True)
@@ -311,39 +311,39 @@ def test_better_judging_asks_again_for_what_says_nothing(monkeypatch: pytest.Mon
         WHOLE, [*passed(*ALL[:4]), Check(name="render.rgb_array", outcome=FAILED, message="the moon is full")]
     )
     runs = [failed, COMPARED]
-    assert came_to(plan_case(), *runs)[Phase.RENDER].decisive == line
-    assert asks_after_reuse(runs) == []
+    assert phases_after(plan_case(), *runs)[Phase.RENDER].decisive == line
+    assert next_checks_after_reuse(runs) == []
 
     monkeypatch.setattr(judging_check, "MACHINE_TROUBLE", judging_check.re.compile("the moon is full"))
-    assert came_to(plan_case(), *runs)[Phase.RENDER].outcome is Outcome.INFRA
-    assert asks_after_reuse(runs) == ["render.rgb_array"]
+    assert phases_after(plan_case(), *runs)[Phase.RENDER].outcome is Outcome.INFRA
+    assert next_checks_after_reuse(runs) == ["render.rgb_array"]
 
 
-def asks_after_reuse(runs: list[Reading]) -> list[str]:
+def next_checks_after_reuse(runs: list[Reading]) -> list[str]:
     """Return the checks that a later run of the program asks for."""
     request = todo(plan_case(), fold(plan_case(), runs).reusable("here", failed_too=True))
     return list(request.limits) if request else []
 
 
-def test_a_crash_is_judged_anew_without_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_crash_is_judged_again_without_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its signal is stored, not what was made of it."""
     dead = reading(WHOLE, [*passed(*ALL[:1]), Check(name="single.loop", outcome=DIED)], end=CRASH)
-    assert came_to(plan_case(), dead)[Phase.SINGLE].decisive == "killed by SIGSEGV"
+    assert phases_after(plan_case(), dead)[Phase.SINGLE].decisive == "killed by SIGSEGV"
 
     monkeypatch.setattr(
         "harness.judging.runs.check.describe_death", lambda _code, signal, _stacks: f"signal {signal}, read better"
     )
-    assert came_to(plan_case(), dead)[Phase.SINGLE].decisive == "signal 11, read better"
+    assert phases_after(plan_case(), dead)[Phase.SINGLE].decisive == "signal 11, read better"
 
 
 # --- findings -------------------------------------------------------------------------------------------------------
 
 
-def test_what_a_run_wrote_and_left_is_found() -> None:
+def test_written_files_and_stray_processes_are_findings() -> None:
     """Written files, stray processes and native errors are findings of the phase of the run's first check."""
     end = replace(GOOD, written=("a.so", "b.so"), stray=2)
     texts = {"log.txt": b"[Error] [carb.gym.plugin] no\n"}
-    found = came_to(plan_case(), reading(WHOLE, passed(*ALL), end=end, texts=texts))[Phase.IMPORT].findings
+    found = phases_after(plan_case(), reading(WHOLE, passed(*ALL), end=end, texts=texts))[Phase.IMPORT].findings
 
     assert [(one.check, one.text) for one in found] == [
         ("import.written", "wrote into its own environment (kept from other runs): a.so, b.so"),
@@ -360,7 +360,7 @@ def test_findings_go_with_the_run_that_counts() -> None:
     assert request
     second = reading(request, [Check(name="single.loop", findings=("fine",)), *passed(*ALL[2:])])
 
-    told = {one.text for one in came_to(plan_case(), first_try, second)[Phase.SINGLE].findings}
+    told = {one.text for one in phases_after(plan_case(), first_try, second)[Phase.SINGLE].findings}
     assert told == {"fine"}
 
 

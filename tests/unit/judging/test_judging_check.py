@@ -27,7 +27,7 @@ def reply(checks: Mapping[str, Outcome | None], *, complete: bool = False) -> Pr
     return ProbeReply(checks=told, findings=(), frames=(), facts={}, modules=(), complete=complete)
 
 
-def beside(told: ProbeReply, ending: Ending) -> Iterator[Finding]:
+def findings_at_end(told: ProbeReply, ending: Ending) -> Iterator[Finding]:
     """Yield the findings from a probe's end, where every check that follows another one was asked for."""
     return side_findings(told, ending, wire.followers_of(wire.FOLLOWERS))
 
@@ -76,7 +76,7 @@ def test_a_check_that_never_ended(ending: Ending, outcome: Outcome, decisive: st
     assert (record.outcome, record.decisive) == (outcome, decisive)
 
 
-def seen(code: str, check: str = "single.contact", **data: str) -> Observed:
+def observation(code: str, check: str = "single.contact", **data: str) -> Observed:
     """Return an observation of a check."""
     return Observed(check=check, code=code, data=data)
 
@@ -91,13 +91,15 @@ def violation(observed: Observed) -> Raised:
     [
         (
             CheckReply(
-                check="single.contact", outcome=Outcome.SKIPPED, reason="x", observed=seen("unmeasured.contact")
+                check="single.contact", outcome=Outcome.SKIPPED, reason="x", observed=observation("unmeasured.contact")
             ),
             Outcome.NOT_REACHED,
             "x",
         ),
         (
-            CheckReply(check="single.contact", outcome=Outcome.SKIPPED, reason="x", observed=seen("contact.nothing")),
+            CheckReply(
+                check="single.contact", outcome=Outcome.SKIPPED, reason="x", observed=observation("contact.nothing")
+            ),
             Outcome.SKIPPED,
             "x",
         ),
@@ -110,8 +112,8 @@ def violation(observed: Observed) -> Raised:
             CheckReply(
                 check="single.contact",
                 outcome=Outcome.FAILED,
-                raised=violation(seen("camera.behind")),
-                observed=seen("camera.behind"),
+                raised=violation(observation("camera.behind")),
+                observed=observation("camera.behind"),
             ),
             Outcome.FAILED,
             "ContractViolation: the body that the camera follows is behind it",
@@ -123,7 +125,7 @@ def violation(observed: Observed) -> Raised:
         ),
     ],
 )
-def test_what_a_misleading_check_observed_decides(check: CheckReply, outcome: Outcome, decisive: str) -> None:
+def test_the_observation_of_a_misleading_check_decides(check: CheckReply, outcome: Outcome, decisive: str) -> None:
     """Its code, not its words: what could not be measured shows nothing, whatever name an exception has."""
     record = check_record(check, Ending(), {})
     assert (record.outcome, record.decisive, record.observed) == (outcome, decisive, check.observed)
@@ -132,14 +134,14 @@ def test_what_a_misleading_check_observed_decides(check: CheckReply, outcome: Ou
 @pytest.mark.parametrize(("code", "drew"), [("render.blank", True), ("render.blank_at_first", False)])
 def test_a_blank_frame_is_a_failure_of_drawing(code: str, drew: bool) -> None:
     """Known by its code, whatever its words."""
-    observed = seen(code, check="render.rgb_array")
+    observed = observation(code, check="render.rgb_array")
     failed = CheckReply(check="render.rgb_array", outcome=Outcome.FAILED, raised=violation(observed), observed=observed)
     assert check_record(failed, Ending(), {}).facts == ({"drawing": True} if drew else {})
 
 
-def test_what_a_worker_observed_goes_with_its_line() -> None:
+def test_a_workers_observation_goes_with_its_line() -> None:
     """The line of a worker comes before its parent's, and so does what it observed; an exception is no observation."""
-    own, parents = seen("tensor.not_callable"), seen("value.kind")
+    own, parents = observation("tensor.not_callable"), observation("value.kind")
     check = CheckReply(check="vector.async.fork", outcome=Outcome.FAILED, raised=violation(parents), observed=parents)
     alone = check_record(check, Ending(), {})
     assert alone.observed == parents
@@ -171,7 +173,9 @@ def test_what_a_worker_observed_goes_with_its_line() -> None:
         (raised("no context", modules=["mujoco", "pyglet"]), NO_DISPLAY, Outcome.FAILED),
     ],
 )
-def test_whose_fault_an_exception_is(check: CheckReply, undrawable: Mapping[str, str], outcome: Outcome) -> None:
+def test_an_exception_is_blamed_on_its_origin(
+    check: CheckReply, undrawable: Mapping[str, str], outcome: Outcome
+) -> None:
     """A full disk, a fault of ours and a machine that cannot draw are none of the packages'."""
     assert check_record(check, Ending(), undrawable).outcome is outcome
 
@@ -185,10 +189,10 @@ def test_a_display_that_died(check: CheckReply) -> None:
     assert (record.outcome, record.decisive) == (Outcome.INFRA, lost)
 
 
-def test_a_follower_that_ends_the_process_is_told() -> None:
+def test_a_follower_that_ends_the_process_is_reported() -> None:
     """The check that died is a warning of its own, and those it kept from running are named."""
     ended = reply({"single.loop": PASSED, "single.repeat.fresh": None})
-    assert list(beside(ended, Ending(signal=11))) == [
+    assert list(findings_at_end(ended, Ending(signal=11))) == [
         warning("single.repeat.fresh", "killed by SIGSEGV"),
         warning("single.repeat.same", NOT_REACHED),
         warning("single.state", NOT_REACHED),
@@ -198,7 +202,7 @@ def test_a_follower_that_ends_the_process_is_told() -> None:
 
 def test_followers_of_a_failed_check_are_not_missed() -> None:
     """After a failed loop nobody expects a comparison."""
-    assert list(beside(reply({"single.loop": Outcome.FAILED}, complete=True), Ending(exit_code=0))) == []
+    assert list(findings_at_end(reply({"single.loop": Outcome.FAILED}, complete=True), Ending(exit_code=0))) == []
 
 
 @pytest.mark.parametrize(
@@ -210,32 +214,32 @@ def test_followers_of_a_failed_check_are_not_missed() -> None:
         (Ending(exit_code=0), "Python ended before its exit handlers had run"),
     ],
 )
-def test_python_s_own_end_is_told(ending: Ending, text: str) -> None:
+def test_a_crash_at_the_end_of_python_is_reported(ending: Ending, text: str) -> None:
     """A crash or a hang after the last check stops no loop, and is not passed over."""
-    assert list(beside(reply(DRAWN), ending)) == [warning("render.teardown", text)]
+    assert list(findings_at_end(reply(DRAWN), ending)) == [warning("render.teardown", text)]
 
 
 @pytest.mark.parametrize("ending", [Ending(exit_code=0), Ending(signal=9, trouble="interrupted")])
-def test_a_good_end_and_one_of_ours_are_not_told(ending: Ending) -> None:
+def test_good_and_interrupted_ends_are_not_reported(ending: Ending) -> None:
     """Nothing is said of a probe that ended well, nor of one that was interrupted."""
-    assert list(beside(reply(DRAWN, complete=True), ending)) == []
+    assert list(findings_at_end(reply(DRAWN, complete=True), ending)) == []
 
 
-def test_what_needs_what() -> None:
+def test_phases_wait_for_those_that_they_need() -> None:
     """Vector and render need single, which needs the import; what is not known yet keeps nothing back."""
     assert reachable(Phase.RENDER, {})
     assert not reachable(Phase.RENDER, {Phase.IMPORT: Outcome.FAILED})
     assert reachable(Phase.RENDER, {Phase.VECTOR: Outcome.FAILED})
 
 
-def test_what_nobody_can_catch_at_the_end_is_told() -> None:
+def test_an_ignored_exception_at_the_end_is_reported() -> None:
     """A traceback after the last words is of an exception that Python ignored; one before them was told elsewhere."""
     ignored = "Exception ignored in: <function Context.__del__>\nTraceback (most recent call last):\n"
     trace = ignored + '  File "gl.py", line 3, in __del__\n    free()\nEGLError: not initialized\n'
     text = "at the end of Python, the environment left open: EGLError: not initialized"
 
     def told(printed: str) -> list[Finding]:
-        return list(beside(reply(DRAWN, complete=True), Ending(exit_code=0, stacks=printed)))
+        return list(findings_at_end(reply(DRAWN, complete=True), Ending(exit_code=0, stacks=printed)))
 
     assert told(f"{wire.LAST_WORDS}\n{trace}") == [warning("render.teardown", text)]
     assert told(f"{trace}{wire.LAST_WORDS}\nfreed 3 buffers\n") == []
@@ -294,7 +298,9 @@ class TestDisks:
             ("cc1: Cannot allocate memory", "error: cc failed", 50_000, True),
         ],
     )
-    def test_what_a_build_prints(self, text: str, decisive: str, room: int | None, trouble: bool) -> None:
+    def test_messages_of_a_build_that_only_mention_a_disk(
+        self, text: str, decisive: str, room: int | None, trouble: bool
+    ) -> None:
         """A full or read-only disk that is only mentioned is no reason for a failure."""
         assert machine_trouble(text, decisive, room) is trouble
 

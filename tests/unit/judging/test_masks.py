@@ -81,7 +81,7 @@ class TestMasks:
             dict.fromkeys(known, True)
         )
 
-    def test_who_hangs_is_named(self, place: str) -> None:
+    def test_a_hanging_worker_is_named(self, place: str) -> None:
         """Nothing is seen by the parent but that nothing comes."""
         assert {mask for _, mask in self.of(place, "hangs").values()} == {None}
 

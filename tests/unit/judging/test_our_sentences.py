@@ -72,7 +72,7 @@ def patterns() -> Iterator[tuple[str, str]]:
         yield from ((f"{path.name}: {table['match']}", table["match"]) for table in tables if "match" in table)
 
 
-def ours(pattern: str) -> list[str]:
+def matching_sentences(pattern: str) -> list[str]:
     """Return our own sentences that a pattern finds."""
     return [text for text in OURS if re.search(pattern, text, re.MULTILINE)]
 
@@ -81,7 +81,7 @@ def test_no_pattern_finds_our_own_sentence() -> None:
     """A `code` is for that: a sentence may change, and words of a library may not be taken for it."""
     every = list(patterns())
     assert len(every) > len(load_all())
-    assert [(place, found[0]) for place, pattern in every if (found := ours(pattern))] == []
+    assert [(place, found[0]) for place, pattern in every if (found := matching_sentences(pattern))] == []
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_no_pattern_finds_our_own_sentence() -> None:
 )
 def test_a_pattern_of_our_own_sentence_is_seen(pattern: str) -> None:
     """Those that known failures and matrices had before they named codes."""
-    assert ours(pattern)
+    assert matching_sentences(pattern)
 
 
 BY_CODE = [one for one in load_all() if one.code]
@@ -126,7 +126,7 @@ def test_code_and_sentence_tell_the_same(one: Signature) -> None:
 
 
 @pytest.mark.parametrize("one", BY_CODE, ids=lambda one: one.id)
-def test_what_stands_alone_knows_the_sentence(one: Signature) -> None:
+def test_the_standalone_code_knows_the_sentence(one: Signature) -> None:
     """It has neither codes nor templates: what it is given of a known failure has the pattern of our sentence."""
     alone = matching.read(json.loads(json.dumps(one.as_file)))
     pasted = next(words.sentence(seen) for seen in observed(one) if one.observes(seen))
@@ -135,7 +135,7 @@ def test_what_stands_alone_knows_the_sentence(one: Signature) -> None:
 
 
 @pytest.mark.parametrize("one", BY_CODE, ids=lambda one: one.id)
-def test_a_code_is_told_whatever_its_sentence(one: Signature) -> None:
+def test_a_code_is_recognised_whatever_its_sentence(one: Signature) -> None:
     """Words may change: with the code there, its line is what it is told by; without it, no line of ours is."""
     seen = next(seen for seen in observed(one) if one.observes(seen))
     sighting = Sighting(observed=seen, line="in other words", is_reason=True)

@@ -453,7 +453,7 @@ def test_an_expected_code(
     assert says(expect, line, seen) is expected
 
 
-def test_what_was_observed_of_the_line_that_decides() -> None:
+def test_the_observation_of_the_decisive_line() -> None:
     """Of the check that has this line, or of a finding that the case requires not to be there; of no library's line."""
     check = CheckRecord(check="render.rgb_array", outcome=Outcome.FAILED, decisive=BLACK, observed=BLANK)
     failed = replace(phase(Phase.RENDER, Outcome.FAILED, BLACK), checks=(check,))
@@ -494,7 +494,7 @@ def test_exit_code(judged: list[tuple[Verdict, bool | None]], stale: bool, fail_
 CAMERA = Case(id="Ant-v5", env="Ant-v5", api="gymnasium", checks=(*CHECKS.values(), "render.camera"))
 
 
-def seen_by(camera: Outcome, *, single: Outcome = Outcome.PASSED) -> CaseRecord:
+def camera_case(camera: Outcome, *, single: Outcome = Outcome.PASSED) -> CaseRecord:
     """Return a case that drew a picture, with this outcome of its camera check."""
     picture = render_phase(camera, "lookat is (0.55, 0.55, 0.55)")
     render = replace(picture, outcome=worst(one.outcome for one in misleading.settled(picture.checks)))
@@ -504,7 +504,7 @@ def seen_by(camera: Outcome, *, single: Outcome = Outcome.PASSED) -> CaseRecord:
 
 def test_a_misleading_check_that_fails_leaves_its_phase_and_makes_the_verdict() -> None:
     """The picture was drawn, so `render` passed; the cell misleads, by the line of the check."""
-    seen = record(seen_by(Outcome.FAILED), of=replace(cell(), cases=(CAMERA,)))
+    seen = record(camera_case(Outcome.FAILED), of=replace(cell(), cases=(CAMERA,)))
 
     judged = assess(seen)
 
@@ -518,8 +518,8 @@ def test_a_misleading_check_that_fails_leaves_its_phase_and_makes_the_verdict() 
 def test_misleads_comes_before_the_failures_of_other_phases() -> None:
     """A failure stays in `phases`, and a trouble of this machine elsewhere does not hide what was shown."""
     whole = replace(cell(), cases=(CAMERA,))
-    failed = assess(record(seen_by(Outcome.FAILED, single=Outcome.FAILED), of=whole))
-    infra = assess(record(seen_by(Outcome.FAILED, single=Outcome.INFRA), of=whole))
+    failed = assess(record(camera_case(Outcome.FAILED, single=Outcome.FAILED), of=whole))
+    infra = assess(record(camera_case(Outcome.FAILED, single=Outcome.INFRA), of=whole))
 
     assert failed.verdict is infra.verdict is Verdict.MISLEADS
     assert failed.phases[Phase.SINGLE] is Outcome.FAILED
@@ -528,7 +528,7 @@ def test_misleads_comes_before_the_failures_of_other_phases() -> None:
 @pytest.mark.parametrize("camera", [Outcome.PASSED, Outcome.SKIPPED, Outcome.UNAVAILABLE])
 def test_a_misleading_check_that_shows_nothing_harms_nobody(camera: Outcome) -> None:
     """It passed, has no meaning here, or could not be measured: the cell works."""
-    judged = assess(record(seen_by(camera), of=replace(cell(), cases=(CAMERA,))))
+    judged = assess(record(camera_case(camera), of=replace(cell(), cases=(CAMERA,))))
 
     assert judged.verdict is Verdict.WORKS
     assert judged.unverified == ()
@@ -536,14 +536,14 @@ def test_a_misleading_check_that_shows_nothing_harms_nobody(camera: Outcome) -> 
 
 def test_a_process_that_dies_in_a_misleading_check_is_a_failure() -> None:
     """A crash is loud: it fails the phase, and misleads nobody."""
-    judged = assess(record(seen_by(Outcome.CRASHED), of=replace(cell(), cases=(CAMERA,))))
+    judged = assess(record(camera_case(Outcome.CRASHED), of=replace(cell(), cases=(CAMERA,))))
 
     assert (judged.verdict, judged.phases[Phase.RENDER]) == (Verdict.PARTIAL, Outcome.CRASHED)
 
 
 def test_a_control_that_fails_the_same_misleading_check_makes_it_inconclusive() -> None:
     """A known-good lock that shows the same puts the blame on the check or on this machine."""
-    seen = record(seen_by(Outcome.FAILED), of=replace(cell(), cases=(CAMERA,)))
+    seen = record(camera_case(Outcome.FAILED), of=replace(cell(), cases=(CAMERA,)))
     same = ControlRecord(control="control gymnasium-1", failed={"render.camera": "lookat"})
     other = ControlRecord(control="control gymnasium-1", failed={"single.contact": "passed through"})
 
@@ -556,8 +556,8 @@ def test_misleads_may_be_expected() -> None:
     expect = Expectation(verdict=Verdict.MISLEADS, reason="numpy 2", phase=Phase.RENDER, match="lookat")
     whole = replace(cell(), cases=(CAMERA,), expect=expect)
 
-    assert expectation.expected(whole, assess(record(seen_by(Outcome.FAILED), of=whole)), "2026", tuple)[0] is True
-    works = assess(record(seen_by(Outcome.PASSED), of=whole))
+    assert expectation.expected(whole, assess(record(camera_case(Outcome.FAILED), of=whole)), "2026", tuple)[0] is True
+    works = assess(record(camera_case(Outcome.PASSED), of=whole))
     assert expectation.expected(whole, works, "2026", tuple) == (
         False,
         f"{whole.id} does better than expected: works instead of misleads",

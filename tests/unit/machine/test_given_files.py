@@ -36,7 +36,7 @@ def test_a_text_has_one_kind_of_line_end_and_no_mark(tmp_path: Path) -> None:
         ("\ud800", "no file can have this name"),
     ],
 )
-def test_what_is_no_file_is_said(tmp_path: Path, name: str, why: str) -> None:
+def test_a_path_that_is_no_file_is_bad_input(tmp_path: Path, name: str, why: str) -> None:
     """Missing files, folders and names that no file can have are one sentence each."""
     path = tmp_path / name
     assert sentence(path) == f"{path}: cannot be read: {why}"
@@ -71,7 +71,7 @@ def test_a_file_that_is_too_long_is_refused(tmp_path: Path) -> None:
     ("name", "why"),
     [(".", "Is a directory"), ("x" * 300, "File name too long"), ("a\0b", "embedded null byte")],
 )
-def test_what_cannot_be_written_is_said(tmp_path: Path, name: str, why: str) -> None:
+def test_a_file_that_cannot_be_written_is_bad_input(tmp_path: Path, name: str, why: str) -> None:
     """Folders and names that no file can have are one sentence each."""
     with pytest.raises(BadInput) as raised:
         given_files.write_text(tmp_path / name, "x")

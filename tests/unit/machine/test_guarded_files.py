@@ -60,7 +60,7 @@ def test_only_regular_files_are_read(tmp_path: Path, make: Callable[[Path], None
             folder.tail("left", 100)
 
 
-def test_a_link_of_the_user_is_followed_where_that_is_said(tmp_path: Path) -> None:
+def test_a_link_of_the_user_is_followed_where_allowed(tmp_path: Path) -> None:
     """A file that the user names may be a link."""
     _link(tmp_path / "named")
     assert guarded_files.text(tmp_path / "named", 100, follow=True) == "of the user"
@@ -129,7 +129,7 @@ BAD: list[tuple[bytes, Callable[[bytes], object], str]] = [
 
 
 @pytest.mark.parametrize(("content", "decode", "why"), BAD)
-def test_whatever_a_decoder_raises_is_one_error(
+def test_every_error_of_a_decoder_is_one_error(
     tmp_path: Path, content: bytes, decode: Callable[[bytes], object], why: str
 ) -> None:
     """RecursionError, UnicodeDecodeError, MemoryError, csv.Error and all others say that the file is unreadable."""
@@ -208,7 +208,9 @@ class TestRemoval:
         assert scratch_folders.remove_folder(tmp_path / "top")
         assert scratch_folders.remove_folder(tmp_path / "top")
 
-    def test_what_cannot_be_removed_is_said(self, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    def test_a_folder_that_cannot_be_removed_is_reported(
+        self, tmp_path: Path, caplog: pytest.LogCaptureFixture
+    ) -> None:
         """A folder that somebody is mounted on, or that is immutable, stays, and one line says so."""
         if sys.platform == "linux":
             with pytest.MonkeyPatch.context() as patch:

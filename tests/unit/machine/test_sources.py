@@ -16,7 +16,7 @@ from harness.running import case_run
 PACKAGE = Path(harness.__file__).parent
 
 
-def parsed(module: str) -> set[str]:
+def imports_by_syntax(module: str) -> set[str]:
     """Return our modules that a module imports, directly or not, by their syntax trees."""
     found: set[str] = set()
     waiting = [module]
@@ -43,14 +43,14 @@ def parsed(module: str) -> set[str]:
 )
 def test_nothing_that_is_imported_is_missed(module: str) -> None:
     """The quick reading of import lines finds what the compiler finds."""
-    assert set(source_digests.imported(module)) == parsed(module)
+    assert set(source_digests.imported(module)) == imports_by_syntax(module)
 
 
 JUDGING = tuple(f"judging.runs.{name}" for name in ("case", "check", "fold", "todo", "misleading", "native_errors"))
 
 
 @pytest.mark.parametrize("module", [*JUDGING, "judging.runs.decisive_line", "standalone.failures.lines", "probes.wire"])
-def test_what_judges_a_probe_is_part_of_a_mark(module: str) -> None:
+def test_modules_that_judge_a_probe_are_part_of_a_mark(module: str) -> None:
     """The record of a cell is judged again when any module changes that has a say in an outcome, line or finding."""
     assert any(f"harness.{module}" in source_digests.imported(one) for one in case_run.JUDGING)
 

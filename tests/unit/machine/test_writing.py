@@ -32,7 +32,7 @@ def test_a_file_that_says_something_else_is_replaced(tmp_path: Path, content: by
     assert path.read_bytes() == content
 
 
-def test_what_is_no_file_is_replaced_without_waiting_for_it(tmp_path: Path) -> None:
+def test_a_fifo_is_replaced_without_waiting_for_it(tmp_path: Path) -> None:
     """A FIFO that nobody writes to would block its reader."""
     path = tmp_path / "cell.json"
     os.mkfifo(path)

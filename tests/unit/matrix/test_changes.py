@@ -94,7 +94,7 @@ class TestCells:
             ("demo/py3.11_mujoco-3.3.7_egl_with-old", "the change leaves the cell as it is")
         ]
 
-    def test_what_is_expected_of_it(self) -> None:
+    def test_a_changed_cell_has_its_own_expectation(self) -> None:
         """Its own expectation, else to work; those of other cells do not hold, unless their glob says `_with-`."""
         other = '[[expect]]\nwhen = { mujoco = ">=3" }\nverdict = "broken"\nreason = "all of them"\n'
         broad = '[[expect]]\ncells = "*"\nverdict = "broken"\nreason = "everything"\n'
@@ -152,7 +152,7 @@ class TestCells:
         assert made_from(OLD) == made_from("")
 
 
-def remedied(name: str, **remedy: Any) -> Signature:
+def signature_with_remedy(name: str, **remedy: Any) -> Signature:
     """Return a known failure with this remedy."""
     return signature(name, remedy=remedy)
 
@@ -162,7 +162,7 @@ class TestRemedies:
 
     def test_it_does_what_the_remedy_says(self) -> None:
         """The change applies every part of the remedy, and has the words of the signature."""
-        known = remedied(
+        known = signature_with_remedy(
             "it",
             requirements=("mujoco<3",),
             constraints=("numpy<1.25",),
@@ -175,7 +175,7 @@ class TestRemedies:
         assert made.tried
         assert made.tried.change == known.remedy.change
         assert (made.question.constraints, made.python, made.environment["A"]) == (("numpy<1.25",), "3.10", "b")
-        assert refused(text, (remedied("it", text="buy a GPU"),)) == (
+        assert refused(text, (signature_with_remedy("it", text="buy a GPU"),)) == (
             'demo.toml: change[0].remedy_of: no machine can apply the remedy of "it": buy a GPU'
         )
 
@@ -194,18 +194,18 @@ QUESTION = Question(
 )
 
 
-def asked(**change: Any) -> Question:
+def changed_question(**change: Any) -> Question:
     """Return the question of a cell after a change."""
     return changes.apply(cell(question=QUESTION), Change(**change), {}).question
 
 
-def test_a_requirement_replaces_all_that_is_said_of_its_package() -> None:
+def test_a_requirement_replaces_every_line_about_its_package() -> None:
     """Requirements, constraints and overrides; extras stay, unless it has some of its own; the rest is as it was."""
-    made = asked(requirements=("Gymnasium>=1", "numpy>=2"))
+    made = changed_question(requirements=("Gymnasium>=1", "numpy>=2"))
     assert made.requirements == ("Gymnasium[mujoco]>=1", "numpy>=2")
     assert (made.constraints, made.overrides) == (("scipy<2",), ())
-    assert asked(requirements=("gymnasium[box2d]",)).requirements == ("numpy==1.26.4", "gymnasium[box2d]")
-    assert asked(requirements=("gym==0.21.0",)).absent == ()
+    assert changed_question(requirements=("gymnasium[box2d]",)).requirements == ("numpy==1.26.4", "gymnasium[box2d]")
+    assert changed_question(requirements=("gym==0.21.0",)).absent == ()
     same = replace(
         made, requirements=QUESTION.requirements, constraints=("numpy<2", "scipy<2"), overrides=("numpy<1.27",)
     )
@@ -214,22 +214,24 @@ def test_a_requirement_replaces_all_that_is_said_of_its_package() -> None:
 
 def test_bounds_replace_bounds_of_the_same_package() -> None:
     """A bound replaces the bound of the same package; requirements stay as they are."""
-    made = asked(constraints=("numpy<1.24",), overrides=("numpy<1.25",), build_constraints=("setuptools<58", "wheel<1"))
+    made = changed_question(
+        constraints=("numpy<1.24",), overrides=("numpy<1.25",), build_constraints=("setuptools<58", "wheel<1")
+    )
     assert made.requirements == QUESTION.requirements
     assert (made.constraints, made.overrides) == (("scipy<2", "numpy<1.24"), ("numpy<1.25",))
     assert made.build_constraints == ("setuptools<58", "wheel<1")
 
 
-def test_what_is_taken_out_is_asked_for_by_nobody() -> None:
+def test_a_removed_package_is_required_by_nobody() -> None:
     """Neither by the cell nor by what it installs."""
-    made = asked(uninstall=("numpy",))
+    made = changed_question(uninstall=("numpy",))
     assert (made.requirements, made.constraints) == (QUESTION.requirements[:2], ("scipy<2",))
     assert (made.overrides, made.absent) == (("numpy ; python_version < '0'",), ("gym", "numpy"))
 
 
 def test_the_rest_is_added() -> None:
     """Variables of builds and of the cell, wheels, instant, Python."""
-    made = asked(build_variables={"B": "2"}, only_binary=("mujoco", "numpy"), as_of="2024-01-01T00:00:00Z")
+    made = changed_question(build_variables={"B": "2"}, only_binary=("mujoco", "numpy"), as_of="2024-01-01T00:00:00Z")
     assert (made.build_variables, made.only_binary) == ({"A": "1", "B": "2"}, ("mujoco", "numpy"))
     assert made.snapshot == "2024-01-01T00:00:00Z"
     around = cell(environment={"A": "1"}, empty=("B", "C"))
@@ -270,7 +272,7 @@ def test_a_change_is_a_remedy_if_it_comes_to_the_same(change: Change, is_it: boo
     assert changes.produces(base, change, replace(other, id="quick/x", base=base.id)) is is_it
 
 
-def test_what_does_nothing_is_no_remedy() -> None:
+def test_a_change_that_does_nothing_is_no_remedy() -> None:
     """A remedy that a cell already has proves nothing."""
     base = cell(python="3.11")
     assert not changes.produces(base, Change(python="3.11"), base)
@@ -299,24 +301,24 @@ def test_a_change_in_words() -> None:
 # --- what came of it -------------------------------------------------------------------------------------------
 
 KNOWN = (
-    msgspec.structs.replace(remedied("solver", requirements=("mujoco<3",)), phases=(Phase.RENDER,)),
-    remedied("words", text="nobody can do this"),
+    msgspec.structs.replace(signature_with_remedy("solver", requirements=("mujoco<3",)), phases=(Phase.RENDER,)),
+    signature_with_remedy("words", text="nobody can do this"),
 )
 BASE = cell(question=Question(requirements=("gymnasium==0.29.1", "mujoco==3.3.7")))
 SOLVED = case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, SOLVER))
 
 
-def tried(name: str, change: Change) -> Cell:
+def changed_cell(name: str, change: Change) -> Cell:
     """Return the base cell with a change applied."""
     made = changes.apply(BASE, change, {})
     return replace(made, id=f"{BASE.id}_with-{name}", base=BASE.id, tried=Tried(name=name, reason="why", change=change))
 
 
-CURE = tried("cure", Change(requirements=("mujoco<3",)))
-OTHER = tried("other", Change(requirements=("mujoco<2",)))
+CURE = changed_cell("cure", Change(requirements=("mujoco<3",)))
+OTHER = changed_cell("other", Change(requirements=("mujoco<2",)))
 
 
-def made(*records: CellRecord) -> Document:
+def report_of(*records: CellRecord) -> Document:
     """Return a document of these cells, judged with the failures known above."""
     return document_of(*records, knowledge=make_knowledge(*KNOWN), axes=tuple(records[0].cell.axes))
 
@@ -334,7 +336,7 @@ class TestProof:
 
     def test_it_works(self) -> None:
         """The change says whose remedy it is, the diagnosis which cell is its proof."""
-        whole = made(RED, GREEN)
+        whole = report_of(RED, GREEN)
         assert whole.cells[1].change
         assert whole.cells[1].change.remedy_of == ("solver",)
         assert proofs(whole) == [("solver", True, CURE.id), ("words", False, None)]
@@ -350,13 +352,13 @@ class TestProof:
     )
     def test_it_is_not(self, other: CellRecord) -> None:
         """A cell that fails, or is of another change, machine or base, proves nothing."""
-        assert [proven for _, proven, _ in proofs(made(RED, other))] == [False, False]
+        assert [proven for _, proven, _ in proofs(report_of(RED, other))] == [False, False]
 
     def test_shards_prove_together(self) -> None:
         """The base was measured in one, the changed cell in another, whose plan has both."""
-        whole = made(RED, GREEN)
+        whole = report_of(RED, GREEN)
         parts = [
-            msgspec.structs.replace(made(RED), cells=made(RED).cells),
+            msgspec.structs.replace(report_of(RED), cells=report_of(RED).cells),
             msgspec.structs.replace(whole, cells=(whole.cells[1],)),
         ]
         assert proofs(parts[0])[0] == ("solver", False, None)
@@ -386,9 +388,9 @@ UNRESOLVED = record(resolve=step(Phase.RESOLVE, Outcome.FAILED, "no numpy"), ins
         pytest.param(record(case("ppfp")), record(case("ppff")), Effect.BREAKS, id="one check more fails"),
     ],
 )
-def test_what_a_change_did(before: CellRecord, after: CellRecord, effect: Effect) -> None:
+def test_the_effect_of_a_change(before: CellRecord, after: CellRecord, effect: Effect) -> None:
     """The effect follows from the verdict, then the failing checks, then cause or line, then the phase."""
-    assert change_effects.effect(made(before).cells[0], made(after).cells[0]) is effect
+    assert change_effects.effect(report_of(before).cells[0], report_of(after).cells[0]) is effect
 
 
 @pytest.mark.parametrize(
@@ -403,7 +405,7 @@ def test_lines_are_the_same_but_for_versions_and_places(line: str, effect: Effec
     """Without a known failure, two lines are the same if only versions and line numbers differ."""
     lines = ("TypeError: in step, gym/core.py line 12, mujoco 3.1.6", line)
     before, after = (record(case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, each))) for each in lines)
-    assert change_effects.effect(made(before).cells[0], made(after).cells[0]) is effect
+    assert change_effects.effect(report_of(before).cells[0], report_of(after).cells[0]) is effect
 
 
 def test_the_same_cause_in_other_words_is_no_difference() -> None:
@@ -411,7 +413,7 @@ def test_the_same_cause_in_other_words_is_no_difference() -> None:
     before, after = (
         record(case("pppf", render=phase(Phase.RENDER, Outcome.FAILED, f"{word} solver_iter"))) for word in ("a", "b")
     )
-    assert change_effects.effect(made(before).cells[0], made(after).cells[0]) is Effect.NOTHING
+    assert change_effects.effect(report_of(before).cells[0], report_of(after).cells[0]) is Effect.NOTHING
 
 
 # --- how it is shown -------------------------------------------------------------------------------------------
@@ -420,7 +422,7 @@ def test_the_same_cause_in_other_words_is_no_difference() -> None:
 def test_the_page_shows_before_after_and_proof() -> None:
     """The cause with its remedy and what proves it; the changes in a table; none of them in the small table."""
     other = record(SOLVED, of=OTHER)
-    whole = made(RED, replace(GREEN, lock="locks/1.txt"), other)
+    whole = report_of(RED, replace(GREEN, lock="locks/1.txt"), other)
     sheet = tables.report(whole).sheets[0]
     (trouble,) = sheet.troubles
     assert [(one.signature, one.remedy, one.proofs) for one in trouble.explanations[0].causes] == [
@@ -448,7 +450,7 @@ def test_changed_cells_are_not_in_the_small_table() -> None:
     two = replace(BASE, id="quick/two", axes={"python": "3.10", "mujoco": "2.3.7"})
     records = [record(SOLVED, of=replace(BASE, axes=axes)), record(case("pppp"), of=replace(CURE, axes=axes))]
     records.append(record(case("pppp"), of=two))
-    pivot = tables.report(made(*records)).sheets[0].pivot
+    pivot = tables.report(report_of(*records)).sheets[0].pivot
     assert pivot
     squares = [square for row in pivot.squares for square in row for square in square]
     assert sorted((square.verdict, square.passed, square.tried, square.fixed) for square in squares) == [
@@ -459,10 +461,10 @@ def test_changed_cells_are_not_in_the_small_table() -> None:
 def test_an_expected_change_needs_no_explanation() -> None:
     """It has its row among the changes; one that is not as expected is explained."""
     red = record(SOLVED, of=OTHER)
-    sheet = tables.report(made(RED, red)).sheets[0]
+    sheet = tables.report(report_of(RED, red)).sheets[0]
     assert [why.cells for one in sheet.troubles for why in one.explanations] == [
         ("py3.11_gymnasium-1.2.3", "py3.11_gymnasium-1.2.3_with-other"),
     ]  # fmt: skip
     foreseen = replace(OTHER, expect=Expectation(verdict=Verdict.PARTIAL, reason="known"))
-    sheet = tables.report(made(RED, record(SOLVED, of=foreseen))).sheets[0]
+    sheet = tables.report(report_of(RED, record(SOLVED, of=foreseen))).sheets[0]
     assert [why.cells for one in sheet.troubles for why in one.explanations] == [("py3.11_gymnasium-1.2.3",)]

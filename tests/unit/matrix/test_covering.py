@@ -23,7 +23,7 @@ def some_rows(seed: int) -> tuple[list[int], list[Row]]:
 
 
 @pytest.mark.parametrize("ways", [1, 2, 3])
-def test_whatever_is_allowed_is_covered(ways: int) -> None:
+def test_every_allowed_part_is_covered(ways: int) -> None:
     """Only allowed rows come out, and no part of an allowed row is missed, however few rows are allowed."""
     for seed in range(150):
         sizes, allowed = some_rows(seed)
@@ -79,7 +79,7 @@ def test_nothing_of_nothing() -> None:
     assert covering([], 2) == []
 
 
-def test_uncovered_parts_are_told_once() -> None:
+def test_uncovered_parts_are_listed_once() -> None:
     """Of a value that no row has, the pairs with it are not told again."""
     rows = [(0, 0, 0), (0, 1, 1)]
 

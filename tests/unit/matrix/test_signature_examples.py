@@ -71,7 +71,7 @@ class TestSignature:
         """Two of one text would prove no more than one."""
         assert len(set(one.examples)) == len(one.examples)
 
-    def test_where_it_was_seen_is_written_down(self, one: Signature) -> None:
+    def test_every_signature_has_a_source(self, one: Signature) -> None:
         """Somebody met it: there is a reference, or it was reproduced here."""
         assert one.references or one.verified_on
 

@@ -40,7 +40,7 @@ what = "gym 0.26.2, numpy 2.0.0"
 LINE = "AttributeError: module 'numpy' has no attribute 'bool8'"
 
 
-def one(name: str = "it", pattern: str | None = "it broke", **more: Any) -> Signature:
+def import_signature(name: str = "it", pattern: str | None = "it broke", **more: Any) -> Signature:
     """Return a signature of the import phase."""
     remedy = signatures.RemedyTable(text="mend it")
     values: dict[str, Any] = {"phases": (Phase.IMPORT,), "examples": ("it broke", "it broke again")} | more
@@ -50,7 +50,7 @@ def one(name: str = "it", pattern: str | None = "it broke", **more: Any) -> Sign
     return Signature(id=name, cause="because", remedy=remedy, pattern=pattern, packages=packages, **values)  # type: ignore[arg-type]
 
 
-def found(known: list[Signature], *evidence: Evidence, **around: Any) -> list[str]:
+def fitting_ids(known: list[Signature], *evidence: Evidence, **around: Any) -> list[str]:
     """Return the ids of the signatures that fit, in order."""
     return [each.signature.id for each in diagnose(known, evidence, Around(**around))]
 
@@ -95,7 +95,7 @@ def test_words_alone_are_no_change() -> None:
         ("has no attr", "(has no attr", " is not a regular expression: "),
     ],
 )  # fmt: skip
-def test_mistakes_are_told_at_their_place(old: str, new: str, message: str) -> None:
+def test_mistakes_are_reported_with_their_place(old: str, new: str, message: str) -> None:
     """File and key, what is wrong, and the nearest name."""
     assert old in FULL
     with pytest.raises(BadInput) as told:
@@ -120,21 +120,21 @@ def test_an_id_is_there_once() -> None:
 
 
 @pytest.mark.parametrize("pattern", [r"a\+\+b", r"[*+]+x", r"C:\\Zone", r"\(\?P", r"x{2,3}?y", "a(?!b)", "(?:a|b)c"])
-def test_what_both_understand_is_a_pattern(pattern: str) -> None:
+def test_patterns_that_both_matchers_understand_are_accepted(pattern: str) -> None:
     """A pattern that only looks like Python's own syntax is accepted unchanged."""
     assert signatures.PortablePattern.canonical(pattern) == pattern
 
 
-def test_where_nothing_fits_nothing_is_said() -> None:
+def test_no_signature_without_the_pattern() -> None:
     """A text without the pattern, or another phase, gives no signature."""
-    assert found([one()], Evidence(phase=Phase.IMPORT, reasons=("it works",))) == []
-    assert found([one()], Evidence(phase=Phase.VECTOR, reasons=("it broke",))) == []
-    assert found([one()], Evidence(phase=None, reasons=("it broke",))) == ["it"]
+    assert fitting_ids([import_signature()], Evidence(phase=Phase.IMPORT, reasons=("it works",))) == []
+    assert fitting_ids([import_signature()], Evidence(phase=Phase.VECTOR, reasons=("it broke",))) == []
+    assert fitting_ids([import_signature()], Evidence(phase=None, reasons=("it broke",))) == ["it"]
 
 
 def test_the_line_that_matched_is_shown() -> None:
     """If a pattern spans a traceback, its exception is shown."""
-    trace = one(pattern=r'gym/core\.py", line \d+[\s\S]{0,80}it broke')
+    trace = import_signature(pattern=r'gym/core\.py", line \d+[\s\S]{0,80}it broke')
     log = 'x\n  File "gym/core.py", line 5, in step\n    fly()\nRuntimeError: it broke at 0x1\nmore\n'
     (seen,) = diagnose([trace], [Evidence(phase=Phase.IMPORT, reasons=("RuntimeError",), logs=(log,))], Around())
     assert (seen.seen, seen.is_reason, seen.phase) == ("RuntimeError: it broke at 0x1", False, Phase.IMPORT)
@@ -142,10 +142,10 @@ def test_the_line_that_matched_is_shown() -> None:
 
 def test_a_signal_alone_can_be_the_sign() -> None:
     """With a pattern both have to fit."""
-    alone, both = one("alone", None, signal="SIGSEGV"), one("both", signal="SIGSEGV")
-    assert found([alone, both], Evidence(phase=Phase.IMPORT, reasons=("killed",), signal="SIGSEGV")) == ["alone"]
-    assert found([alone, both], Evidence(phase=Phase.IMPORT, reasons=("it broke",), signal="SIGABRT")) == []
-    assert found([both], Evidence(phase=Phase.IMPORT, reasons=("it broke",), signal="SIGSEGV")) == ["both"]
+    alone, both = import_signature("alone", None, signal="SIGSEGV"), import_signature("both", signal="SIGSEGV")
+    assert fitting_ids([alone, both], Evidence(phase=Phase.IMPORT, reasons=("killed",), signal="SIGSEGV")) == ["alone"]
+    assert fitting_ids([alone, both], Evidence(phase=Phase.IMPORT, reasons=("it broke",), signal="SIGABRT")) == []
+    assert fitting_ids([both], Evidence(phase=Phase.IMPORT, reasons=("it broke",), signal="SIGSEGV")) == ["both"]
 
 
 @pytest.mark.parametrize(
@@ -167,45 +167,51 @@ def test_a_signal_alone_can_be_the_sign() -> None:
 def test_packages_and_python(around: dict[str, Any], fits: bool) -> None:
     """Installed versions decide; without any, the requirements must not contradict the signature."""
     (read,) = signatures.read({"numpy.toml": FULL})
-    assert found([read], Evidence(phase=Phase.SINGLE, reasons=(LINE,)), **around) == (["numpy-2"] if fits else [])
+    assert fitting_ids([read], Evidence(phase=Phase.SINGLE, reasons=(LINE,)), **around) == (["numpy-2"] if fits else [])
 
 
-def test_what_is_generic_needs_its_packages() -> None:
+def test_a_generic_signature_needs_its_packages() -> None:
     """A generic signature needs its packages; a specific one fits unless something contradicts it."""
-    known = [one("specific", packages=("pip",)), one("generic", packages=("pip",), generic=True)]
-    assert found(known, SAID) == ["specific"]
-    assert found(known, SAID, requirements=("pip",)) == ["specific", "generic"]
+    known = [
+        import_signature("specific", packages=("pip",)),
+        import_signature("generic", packages=("pip",), generic=True),
+    ]
+    assert fitting_ids(known, SAID) == ["specific"]
+    assert fitting_ids(known, SAID, requirements=("pip",)) == ["specific", "generic"]
 
 
 def test_the_deepest_cause_comes_first() -> None:
     """Masks last, then troubles of the machine, then what is generic; what was told before what only a log has."""
     known = [
-        one("mask", "pipe", masks=True),
-        one("machine", "no GPU", phases=()),
-        one("broad", packages=("gym",), generic=True),
-        one("logged", "deep"),
-        one("later", "other", phases=(Phase.VECTOR,)),
-        one("specific"),
+        import_signature("mask", "pipe", masks=True),
+        import_signature("machine", "no GPU", phases=()),
+        import_signature("broad", packages=("gym",), generic=True),
+        import_signature("logged", "deep"),
+        import_signature("later", "other", phases=(Phase.VECTOR,)),
+        import_signature("specific"),
     ]
     texts = Evidence(phase=Phase.IMPORT, reasons=("it broke; no GPU; pipe",), logs=("deep",))
     vector = Evidence(phase=Phase.VECTOR, reasons=("other",))
     order = ["specific", "later", "logged", "broad", "machine", "mask"]
     for turn in range(len(known)):
-        assert found(known[turn:] + known[:turn], vector, texts, installed={"gym": "1"}) == order
+        assert fitting_ids(known[turn:] + known[:turn], vector, texts, installed={"gym": "1"}) == order
 
 
 def test_of_equal_ones_that_of_what_failed_first() -> None:
     """Of two known failures of one cell, the one whose line stands first comes first, however the files are ordered."""
     first, second = (Evidence(phase=Phase.SINGLE, reasons=(word,)) for word in ("it broke", "it burst"))
-    known = [one("a", "it burst", phases=(Phase.SINGLE,)), one("b", "it broke", phases=(Phase.SINGLE,))]
+    known = [
+        import_signature("a", "it burst", phases=(Phase.SINGLE,)),
+        import_signature("b", "it broke", phases=(Phase.SINGLE,)),
+    ]
 
-    assert found(known, first, second) == ["b", "a"]
-    assert found(known, second, first) == ["a", "b"]
+    assert fitting_ids(known, first, second) == ["b", "a"]
+    assert fitting_ids(known, second, first) == ["a", "b"]
 
 
-def test_each_is_said_once_where_it_was_told_best() -> None:
+def test_each_signature_is_reported_once_with_its_best_line() -> None:
     """A decisive line is preferred to a log, then the earlier phase to the later."""
-    twice = one(phases=(Phase.IMPORT, Phase.SINGLE))
+    twice = import_signature(phases=(Phase.IMPORT, Phase.SINGLE))
     logged = Evidence(phase=Phase.IMPORT, logs=("it broke in a log",))
     told = Evidence(phase=Phase.SINGLE, reasons=("it broke in so many words",))
     (seen,) = diagnose([twice], [logged, told], Around())
@@ -224,7 +230,7 @@ class TestSilent:
     remedy = { requirements = ["physics>2"] }
     """
 
-    def test_they_are_told_by_what_is_installed(self) -> None:
+    def test_silent_issues_are_recognised_by_installed_versions(self) -> None:
         """A silent issue needs an installed package in a version that fits."""
         known = signatures.read({"silent.toml": textwrap.dedent(self.TEXT)})
 
@@ -271,9 +277,9 @@ class TestSilent:
 
 def test_a_mask_that_is_only_mentioned_is_none() -> None:
     """A notice in a log is no mask if an exception says why; of an installer, whose errors are only logged, it is."""
-    mask = [one(masks=True, phases=(Phase.INSTALL, Phase.IMPORT))]
+    mask = [import_signature(masks=True, phases=(Phase.INSTALL, Phase.IMPORT))]
     logs = ("a notice that it broke",)
 
-    assert found(mask, Evidence(phase=Phase.IMPORT, reasons=("ValueError",), logs=logs)) == []
-    assert found(mask, Evidence(phase=Phase.IMPORT, reasons=logs)) == ["it"]
-    assert found(mask, Evidence(phase=Phase.INSTALL, reasons=("error",), logs=logs)) == ["it"]
+    assert fitting_ids(mask, Evidence(phase=Phase.IMPORT, reasons=("ValueError",), logs=logs)) == []
+    assert fitting_ids(mask, Evidence(phase=Phase.IMPORT, reasons=logs)) == ["it"]
+    assert fitting_ids(mask, Evidence(phase=Phase.INSTALL, reasons=("error",), logs=logs)) == ["it"]

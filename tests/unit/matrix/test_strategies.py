@@ -352,7 +352,7 @@ class TestResolving:
         )
         assert len(labels(self.TEXT, made)) + first.count + rest.count == 27
 
-    def test_what_has_no_part_in_a_failure_is_set_aside(self) -> None:
+    def test_values_without_a_part_in_a_failure_are_set_aside(self) -> None:
         """One failure is enough to know of all combinations that fail alike: no second one is asked for."""
         resolver = Resolver(no_old_mujoco)
         chosen(self.TEXT, resolver)
@@ -412,7 +412,7 @@ class TestResolving:
         assert {entry.axes.get("gymnasium") for entry in made.chosen.unresolvable} == {"0.29.1"}
         assert len(labels(text, made)) == 2
 
-    def test_what_adds_nothing_is_set_aside_without_a_question(self) -> None:
+    def test_values_that_add_nothing_are_set_aside_without_a_question(self) -> None:
         """Environment variables and bundles without requirements have no part in a failure, so it is told once."""
         text = 'strategy = "pairwise"\n' + THREE + 'GL = { variable = ["egl", ""] }\nbox = { a = {}, b = {} }\n' + CASE
         made = chosen(text, Resolver(no_old_mujoco))
@@ -420,7 +420,7 @@ class TestResolving:
         assert isinstance(made.chosen, Chosen)
         assert [entry.axes for entry in made.chosen.unresolvable] == [{"python": "3.12", "mujoco": "2.3.7"}]
 
-    def test_a_bundle_of_which_one_value_mends_it_is_not_set_aside(self) -> None:
+    def test_a_bundle_with_a_value_that_fixes_it_is_not_set_aside(self) -> None:
         """A value that adds nothing stands beside one that adds an override: they fail each by itself."""
         text = 'strategy = "pairwise"\n' + THREE + 'api = { plain = {}, mended = { overrides = ["numpy<2"] } }\n' + CASE
         made = chosen(text, Resolver(lambda _, question: None if question.overrides else "numpy"))
@@ -442,7 +442,7 @@ class TestResolving:
             id="demo/py3.12_*_mujoco-2.3.7", reason="does not resolve: mujoco 2.3.7 has no wheel", count=3
         )
 
-    def test_what_cannot_be_told_ends_it(self) -> None:
+    def test_a_failed_network_ends_the_choice(self) -> None:
         """Without the network nothing is chosen, rather than too little."""
 
         def unreachable(python: str, question: Question) -> str | None:

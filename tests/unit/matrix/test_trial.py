@@ -13,20 +13,20 @@ from harness.model.errors import BadInput
 from harness.model.vocabulary import APIS, api_of, checks_of
 
 
-def asked(*requirements: str, python: str = "3.11", **more: Any) -> plan.TrialOptions:
+def request(*requirements: str, python: str = "3.11", **more: Any) -> plan.TrialOptions:
     """Return the request that a command line makes."""
     return plan.TrialOptions(requirements=requirements, python=python, **more)
 
 
 def cases(*requirements: str, **more: Any) -> list[tuple[str, str | None]]:
     """Return API and environment of each case."""
-    return [(case.api, case.env) for case in plan.cases_for(asked(*requirements, **more))]
+    return [(case.api, case.env) for case in plan.cases_for(request(*requirements, **more))]
 
 
 def test_one_cell_named_by_what_is_pinned() -> None:
     """Python and pinned packages are the axes and the name; the rest is the question."""
     found = plan.single(
-        asked(
+        request(
             "gymnasium[mujoco]==1.2.3",
             "mujoco==3.3.7",
             "scipy>=1",
@@ -61,9 +61,9 @@ def test_a_model_of_ones_own_goes_into_the_cell(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "arm").mkdir()
     (tmp_path / "arm/scene.xml").write_text("<mujoco/>", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    found = models(tried("mujoco", "mujoco:./arm/scene.xml", "mujoco:markers"))
-    assert found == models(tried("mujoco", "./arm/scene.xml")) == {"arm/scene.xml": "<mujoco/>"}
-    (cell,) = plan.single(asked("mujoco==3.3.7", envs=("mujoco:arm/scene.xml",), files=found)).cells
+    found = models(trial_cases("mujoco", "mujoco:./arm/scene.xml", "mujoco:markers"))
+    assert found == models(trial_cases("mujoco", "./arm/scene.xml")) == {"arm/scene.xml": "<mujoco/>"}
+    (cell,) = plan.single(request("mujoco==3.3.7", envs=("mujoco:arm/scene.xml",), files=found)).cells
     assert cell.files == found
 
 
@@ -83,7 +83,7 @@ def test_a_model_that_cannot_be_carried_is_refused(
     (tmp_path / "latin.xml").write_bytes(b"<mujoco model='\xe4'/>")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(BadInput) as raised:
-        models(tried("mujoco", env))
+        models(trial_cases("mujoco", env))
     assert str(raised.value) == message
 
 
@@ -92,21 +92,21 @@ def test_a_model_that_the_simulator_brings_is_not_looked_for_here(
 ) -> None:
     """`pybullet:mjcf/ant.xml` is one of pybullet_data, a file of that name in this folder the user's own."""
     monkeypatch.chdir(tmp_path)
-    named = tried("pybullet", "pybullet:mjcf/ant.xml", "pybullet:arm.urdf", "pybullet:direct")
+    named = trial_cases("pybullet", "pybullet:mjcf/ant.xml", "pybullet:arm.urdf", "pybullet:direct")
     assert models(named) == {}
     (tmp_path / "arm.urdf").write_text("<robot/>", encoding="utf-8")
     assert models(named) == {"arm.urdf": "<robot/>"}
 
 
-def tried(requirement: str, *envs: str) -> tuple[Case, ...]:
+def trial_cases(requirement: str, *envs: str) -> tuple[Case, ...]:
     """Return the cases of a trial."""
-    return plan.single(asked(requirement, envs=envs)).cells[0].cases
+    return plan.single(request(requirement, envs=envs)).cells[0].cases
 
 
 def test_long_names_are_cut_and_stay_distinct() -> None:
     """A label has at most 150 characters, and two long ones that differ at the end differ."""
     many = [f"package-number-{number}==1.{number}" for number in range(20)]
-    first, second = (plan.single(asked(*many, last)).cells[0].label for last in ("x==1", "x==2"))
+    first, second = (plan.single(request(*many, last)).cells[0].label for last in ("x==1", "x==2"))
 
     assert (len(first), len(second), first[:141] == second[:141], first == second) == (150, 150, True, False)
 
@@ -227,14 +227,14 @@ def test_cases_follow_from_what_is_asked_for(
 )
 def test_cartpole_is_drawn_where_its_drawing_library_is_asked_for(requirements: list[str], drawn: bool) -> None:
     """Nobody who asks for gymnasium alone is told that pygame is missing."""
-    suggested = plan.cases_for(asked(*requirements))[0]
+    suggested = plan.cases_for(request(*requirements))[0]
 
     assert ("render.rgb_array" in suggested.checks) is drawn
 
 
 def test_modules_of_packages_without_an_api() -> None:
     """Of each package the modules that it installs are imported, in a case of its own."""
-    assert [(case.id, case.packages, case.checks) for case in plan.cases_for(asked("scipy==1.0", "PyYAML"))] == [
+    assert [(case.id, case.packages, case.checks) for case in plan.cases_for(request("scipy==1.0", "PyYAML"))] == [
         ("import-scipy", ("scipy",), ("import.modules",)),
         ("import-pyyaml", ("pyyaml",), ("import.modules",)),
     ]
@@ -242,8 +242,8 @@ def test_modules_of_packages_without_an_api() -> None:
 
 def test_modules_asked_for() -> None:
     """`--import` replaces the guess, and comes before environments."""
-    alone = plan.cases_for(asked("dm-control", imports=("dm_control.suite",)))
-    before = plan.cases_for(asked("gymnasium-robotics", imports=("gymnasium_robotics",), envs=("FetchReach-v4",)))
+    alone = plan.cases_for(request("dm-control", imports=("dm_control.suite",)))
+    before = plan.cases_for(request("gymnasium-robotics", imports=("gymnasium_robotics",), envs=("FetchReach-v4",)))
 
     assert [(case.env, case.imports) for case in (*alone, *before)] == [
         (None, ("dm_control.suite",)),
@@ -253,7 +253,7 @@ def test_modules_asked_for() -> None:
 
 def test_ids_of_cases_stay_distinct() -> None:
     """Two environments whose ids look alike in a folder name get a number."""
-    found = plan.cases_for(asked("gymnasium", envs=("a/b", "a:b", "A-b")))
+    found = plan.cases_for(request("gymnasium", envs=("a/b", "a:b", "A-b")))
 
     assert [case.id for case in found] == ["a-b", "a-b-2", "A-b-3"]
 
@@ -261,27 +261,27 @@ def test_ids_of_cases_stay_distinct() -> None:
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        (asked(), "try: name at least one requirement, such as 'gymnasium[mujoco]==1.2.3'"),
+        (request(), "try: name at least one requirement, such as 'gymnasium[mujoco]==1.2.3'"),
         (
-            asked("numpy=1"),
+            request("numpy=1"),
             'try: "numpy=1" is not a requirement: Expected semicolon (after name with no version specifier) or end',
         ),
         (
-            asked("numpy", constraints=("x y",)),
+            request("numpy", constraints=("x y",)),
             '--constraint: "x y" is not a requirement: '
             "Expected semicolon (after name with no version specifier) or end",
         ),
-        (asked("numpy", only_binary=("a b",)), '--only-binary: "a b" is not the name of a package'),
-        (asked("numpy", environment={"1A": ""}), '--set: "1A" is not the name of an environment variable'),
-        (asked("numpy", imports=("a-b",)), '--import: "a-b" is not the name of a Python module'),
-        (asked("numpy", api="gymnasim"), '--api: unknown API "gymnasim"; did you mean "gymnasium"?'),
-        (asked("gymnasium", envs=("//",)), '--env: "//" is not the id of an environment'),
+        (request("numpy", only_binary=("a b",)), '--only-binary: "a b" is not the name of a package'),
+        (request("numpy", environment={"1A": ""}), '--set: "1A" is not the name of an environment variable'),
+        (request("numpy", imports=("a-b",)), '--import: "a-b" is not the name of a Python module'),
+        (request("numpy", api="gymnasim"), '--api: unknown API "gymnasim"; did you mean "gymnasium"?'),
+        (request("gymnasium", envs=("//",)), '--env: "//" is not the id of an environment'),
         (
-            asked("gym", envs=("gym:x",), api="gymnasium"),
+            request("gym", envs=("gym:x",), api="gymnasium"),
             '--env: "gym:x" names the API "gym", but "gymnasium" is asked for',
         ),
         (
-            asked("numpy", as_of="soon"),
+            request("numpy", as_of="soon"),
             '--as-of: "soon" is not a date such as 2026-11-20 nor a moment such as 2026-11-20T12:00:00Z',
         ),
     ],
@@ -308,7 +308,7 @@ def test_environments_of_which_nothing_tells_the_api(
     requirements: list[str], envs: tuple[str, ...], untold: str | None
 ) -> None:
     """An API is inferred where it cannot be mistaken; the first environment where it can is named."""
-    assert plan.unspoken(asked(*requirements, envs=envs)) == untold
+    assert plan.unspoken(request(*requirements, envs=envs)) == untold
 
 
 def test_rows_of_adapters() -> None:

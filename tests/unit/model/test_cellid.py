@@ -37,7 +37,7 @@ AXES = {"python": "3.11", "gymnasium": "1.2.3", "gym": "absent", "mujoco": "3.3.
 CELL = Named("demo/py3.11_gymnasium-1.2.3_gym-absent_mujoco-3.3.7_robosuite1.3-mujoco-py", AXES)
 
 
-def asked(*requirements: str, **more: Any) -> str:
+def ad_hoc_id(*requirements: str, **more: Any) -> str:
     """Return the id of an ad-hoc cell."""
     return (
         plan.single(plan.TrialOptions(requirements=requirements, python=more.pop("python", "3.11"), **more)).cells[0].id
@@ -112,8 +112,8 @@ def test_ids_of_different_questions_differ() -> None:
     chance = random.Random(7)
     several = {tuple(sorted(chance.sample(lines, chance.randint(2, 4)))) for _ in range(500)}
     several = {each for each in several if len({re.split(r"[\[=<>!~;]", line)[0] for line in each}) == len(each)}
-    ids = [asked(line) for line in lines] + [asked(*each) for each in sorted(several)]
-    ids += [asked("gymnasium==1.2.3", **more) for more in OPTIONS]
+    ids = [ad_hoc_id(line) for line in lines] + [ad_hoc_id(*each) for each in sorted(several)]
+    ids += [ad_hoc_id("gymnasium==1.2.3", **more) for more in OPTIONS]
 
     assert len({name.casefold() for name in ids}) == len(ids)
     assert all(
@@ -124,7 +124,7 @@ def test_ids_of_different_questions_differ() -> None:
 def test_options_together_are_another_question() -> None:
     """Two options are not one of them, nor two others."""
     pairs = [(one, other) for one, other in combinations(OPTIONS, 2) if not one.keys() & other.keys()]
-    ids = [asked("gymnasium==1.2.3", **one, **other) for one, other in pairs]
+    ids = [ad_hoc_id("gymnasium==1.2.3", **one, **other) for one, other in pairs]
 
     assert len({name.casefold() for name in ids}) == len(ids)
 
@@ -137,25 +137,27 @@ def test_ids_of_equal_questions_are_equal(seed: int) -> None:
     again[3] = "SciPy!=1.0"
     constraints, variables = ["mujoco<3", "torch<2"], [("A", "1"), ("B", "2")]
     chance = random.Random(seed)
-    first = asked(*lines, constraints=tuple(constraints), environment=dict(variables))
+    first = ad_hoc_id(*lines, constraints=tuple(constraints), environment=dict(variables))
     for each in (again, constraints, variables):
         chance.shuffle(each)
 
-    assert asked(*again, constraints=tuple(constraints), environment=dict(variables)) == first
+    assert ad_hoc_id(*again, constraints=tuple(constraints), environment=dict(variables)) == first
 
 
-def test_when_it_was_asked_is_no_part_of_the_question() -> None:
+def test_the_instant_of_asking_is_no_part_of_the_question() -> None:
     """The instant of today's index is in no id; one that was asked for is."""
-    plain = asked("gymnasium==1.2.3")
+    plain = ad_hoc_id("gymnasium==1.2.3")
 
-    assert plain == asked("gymnasium==1.2.3", instant=Instant.canonical("2026-11-20")) == "try/py3.11_gymnasium-1.2.3"
-    assert asked("gymnasium==1.2.3", as_of="2024-01-31") == f"{plain}_+as-of-2024-01-31"
+    assert (
+        plain == ad_hoc_id("gymnasium==1.2.3", instant=Instant.canonical("2026-11-20")) == "try/py3.11_gymnasium-1.2.3"
+    )
+    assert ad_hoc_id("gymnasium==1.2.3", as_of="2024-01-31") == f"{plain}_+as-of-2024-01-31"
 
 
 def test_environments_that_are_tried_anyway_are_no_other_question() -> None:
     """`--env CartPole-v1` beside gymnasium asks for what would be tried without it."""
-    assert asked("gymnasium", envs=("CartPole-v1",)) != asked("gymnasium", envs=("Acrobot-v1",))
-    assert asked("scipy", imports=("scipy",)) != asked("scipy")
+    assert ad_hoc_id("gymnasium", envs=("CartPole-v1",)) != ad_hoc_id("gymnasium", envs=("Acrobot-v1",))
+    assert ad_hoc_id("scipy", imports=("scipy",)) != ad_hoc_id("scipy")
 
 
 def test_certificates_of_different_questions_lie_apart() -> None:
@@ -214,7 +216,7 @@ def test_either_form_finds_a_cell(text: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["demo/py3.1-*", "*-mujoco3.4*", "*-3.3.7", "py3.11-gymnasium-*", "mujoco"])
-def test_what_fits_neither_form_finds_nothing(text: str) -> None:
+def test_a_glob_of_mixed_forms_finds_nothing(text: str) -> None:
     """Forms are not mixed: a glob holds for an id as a whole."""
     assert cellid.select(text, [CELL]) == []
 

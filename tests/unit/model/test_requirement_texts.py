@@ -19,7 +19,7 @@ from harness.packages.requirement_files import inputs
 DEEP = "numpy; " + "(" * 2000 + 'python_version > "3"' + ")" * 2000
 
 
-def test_what_packaging_cannot_take_is_refused() -> None:
+def test_lines_that_packaging_cannot_take_are_refused() -> None:
     """Markers nested too deep and numbers of too many digits are wrong, no crash."""
     with pytest.raises(InvalidRequirement, match="nested too deep"):
         requirement_texts.requirement(DEEP)

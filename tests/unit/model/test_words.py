@@ -10,7 +10,7 @@ import pytest
 from harness.model import Observed, words
 
 
-def seen(code: str, **more: Any) -> Observed:
+def observation(code: str, **more: Any) -> Observed:
     """Return an observation of some check."""
     named = {name: more.pop(name) for name in ("at", "got", "promised") if name in more}
     return Observed(check="single.loop", code=code, data=more, **named)
@@ -23,37 +23,37 @@ NESTED = {"code": "render.blank", "at": None, "got": [0, 0, 0], "promised": None
 @pytest.mark.parametrize(
     ("observed", "sentence"),
     [
-        (seen("render.blank", got=[0, 0, 0]), "blank frame: every pixel is [0, 0, 0]"),
+        (observation("render.blank", got=[0, 0, 0]), "blank frame: every pixel is [0, 0, 0]"),
         (
-            seen("value.shape", got="(2,)", promised="(3,)", where=WHERE, promise="space"),
+            observation("value.shape", got="(2,)", promised="(3,)", where=WHERE, promise="space"),
             "reset() returned an observation that has shape (2,), its space (3,)",
         ),
         (
-            seen("value.not_finite", got=1, size=3, where={**WHERE, "path": "'arm' at 2"}),
+            observation("value.not_finite", got=1, size=3, where={**WHERE, "path": "'arm' at 2"}),
             "reset() returned an observation that at 'arm' at 2 is not finite (1 of 3 values)",
         ),
-        (seen("value.not_finite", got=1, size=3, where={"value": "qpos"}), "qpos is not finite (1 of 3 values)"),
+        (observation("value.not_finite", got=1, size=3, where={"value": "qpos"}), "qpos is not finite (1 of 3 values)"),
         (
-            seen("repeat.same", difference={"step": 1, "part": "observation", "gap": 0.30912, "most": 50.22}),
+            observation("repeat.same", difference={"step": 1, "part": "observation", "gap": 0.30912, "most": 50.22}),
             "the same environment, reset with the same seed, gives another trajectory, "
             "from step 1 on (observation off by 0.309 there, at most by 50.2 later)",
         ),
         (
-            seen("repeat.fresh", difference={"step": 4, "part": "terminated"}),
+            observation("repeat.fresh", difference={"step": 4, "part": "terminated"}),
             "the same seed gives another trajectory in a new environment, from step 4 on (terminated)",
         ),
         (
-            seen("device.other", promised="1", setting="X=1", got={"index": 0, "by": "Y=0"}),
+            observation("device.other", promised="1", setting="X=1", got={"index": 0, "by": "Y=0"}),
             "asked for device 1 by X=1, drew on EGL device 0, which Y=0 named",
         ),
-        (seen("raised", raised="KeyError: 'x'"), "KeyError: 'x'"),
-        (seen("raised", raised=NESTED), "ContractViolation: blank frame: every pixel is [0, 0, 0]"),
+        (observation("raised", raised="KeyError: 'x'"), "KeyError: 'x'"),
+        (observation("raised", raised=NESTED), "ContractViolation: blank frame: every pixel is [0, 0, 0]"),
         (
-            seen("unmeasured.raised", raised=NESTED),
+            observation("unmeasured.raised", raised=NESTED),
             "could not be measured: ContractViolation: blank frame: every pixel is [0, 0, 0]",
         ),
         (
-            seen(
+            observation(
                 "unmeasured.arrays",
                 found={**NESTED, "code": "value.not_array", "data": {"where": WHERE}, "got": "a list"},
             ),
@@ -84,20 +84,20 @@ def _exactly(value: Any) -> Any:
 @pytest.mark.parametrize(
     "observed",
     [
-        seen("no.such.code", got=1),
-        seen("value.shape"),
-        seen("value.shape", got="(2,)", promised="(3,)", promise="space", where=None),
-        seen("value.shape", got={"a": 1}, promised=[[[]]], promise=True, where={"call": 3}),
-        seen("start.elsewhere", away="two", joints=None, name=[1], got="far", promised={}),
-        seen("camera.aside", right=float("inf"), above=10**5000),
-        seen("raised", raised={"code": "raised", "data": {"raised": {"code": "raised", "data": 3}}}),
-        seen("raised", raised={"code": ["raised"]}),
-        seen("more", got="\x1b[31m\n\x00"),
-        seen("{got.__class__}", got=1),
+        observation("no.such.code", got=1),
+        observation("value.shape"),
+        observation("value.shape", got="(2,)", promised="(3,)", promise="space", where=None),
+        observation("value.shape", got={"a": 1}, promised=[[[]]], promise=True, where={"call": 3}),
+        observation("start.elsewhere", away="two", joints=None, name=[1], got="far", promised={}),
+        observation("camera.aside", right=float("inf"), above=10**5000),
+        observation("raised", raised={"code": "raised", "data": {"raised": {"code": "raised", "data": 3}}}),
+        observation("raised", raised={"code": ["raised"]}),
+        observation("more", got="\x1b[31m\n\x00"),
+        observation("{got.__class__}", got=1),
     ],
     ids=lambda observed: observed.code,
 )
-def test_whatever_a_cell_writes_has_words(observed: Observed) -> None:
+def test_every_record_of_a_cell_has_words(observed: Observed) -> None:
     """An unknown code, data that are missing and data of another kind: some text, and no exception."""
     assert words.sentence(observed)
     assert not words.contains("render.blank", {}, observed)
@@ -108,12 +108,12 @@ def test_an_observation_within_itself_ends() -> None:
     inner: dict[str, Any] = {"code": "raised", "data": {}}
     for _ in range(200):
         inner = {"code": "raised", "data": {"raised": inner}}
-    assert len(words.sentence(seen("raised", raised=inner))) <= words.LONGEST
+    assert len(words.sentence(observation("raised", raised=inner))) <= words.LONGEST
 
 
 def test_a_long_sentence_keeps_its_ends() -> None:
     """Its beginning and its end, where the news is."""
-    text = words.sentence(seen("warned.check_env", text="a" * 3000 + "z" * 3000))
+    text = words.sentence(observation("warned.check_env", text="a" * 3000 + "z" * 3000))
     assert len(text) <= words.LONGEST + 40
     assert (text[0], text[-1]) == ("a", "z")
 
@@ -132,7 +132,7 @@ def test_a_long_sentence_keeps_its_ends() -> None:
 )
 def test_conditions(wanted: dict[str, Any], *, fits: bool) -> None:
     """A text is an expression for all of a value; in a sentence it stands in the value's place."""
-    observed = seen("render.shape", got="(480, 720, 4)", promised="(height, width, 3)")
+    observed = observation("render.shape", got="(480, 720, 4)", promised="(height, width, 3)")
     assert words.contains("render.shape", wanted, observed) is fits
     if {"other"} != wanted.keys() and not isinstance(wanted.get("got"), dict):
         assert bool(re.search(words.sentence_pattern("render.shape", wanted), words.sentence(observed))) is fits
@@ -141,13 +141,13 @@ def test_conditions(wanted: dict[str, Any], *, fits: bool) -> None:
 def test_conditions_of_tables_and_of_what_is_within() -> None:
     """A table has conditions of its own, of the phrases that fit it; an exception of ours is looked into."""
     wanted = {"setting": "X=.*", "got": {"api": "osmesa"}}
-    drew = seen("device.other", promised="1", setting="X=1", got={"api": "osmesa"})
+    drew = observation("device.other", promised="1", setting="X=1", got={"api": "osmesa"})
     assert words.contains("device.other", wanted, drew)
     assert re.search(words.sentence_pattern("device.other", wanted), words.sentence(drew))
-    egl = seen("device.other", promised="1", setting="X=1", got={"index": 0, "by": "nothing"})
+    egl = observation("device.other", promised="1", setting="X=1", got={"index": 0, "by": "nothing"})
     assert not words.contains("device.other", wanted, egl)
     assert not re.search(words.sentence_pattern("device.other", wanted), words.sentence(egl))
-    within = seen("raised", raised=NESTED)
+    within = observation("raised", raised=NESTED)
     assert words.contains("render.blank", {}, within)
     assert words.contains("raised", {}, within)
 
@@ -198,7 +198,7 @@ def test_no_line_of_a_library_is_recognised(line: str) -> None:
 
 def test_numbers_are_looked_for_as_they_are_written() -> None:
     """A number in the data is matched in the format that the template gives it."""
-    told = seen("solver.differs", steps=5, gap=0.123456, largest=2.0)
+    told = observation("solver.differs", steps=5, gap=0.123456, largest=2.0)
     assert re.search(words.sentence_pattern("solver.differs", {"gap": 0.123456}), words.sentence(told))
     assert words.contains("solver.differs", {"gap": 0.123456}, told)
     assert not words.contains("solver.differs", {"steps": 5.0}, told)

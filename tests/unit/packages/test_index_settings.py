@@ -139,7 +139,7 @@ def test_settings_that_cannot_be_read_are_bad_input(home: Path, file: str, text:
     assert str(raised.value).startswith(message.format(home=home))
 
 
-def test_whom_uv_trusts_is_told_by_variables(home: Path) -> None:
+def test_trusted_hosts_reach_uv_by_variables(home: Path) -> None:
     """Keys of uv.toml about certificates reach uv, which reads no file of its own when we start it."""
     put(home / "etc/uv/uv.toml", 'native-tls = true\nallow-insecure-host = ["a.test"]')
     put(home / ".config/uv/uv.toml", 'allow-insecure-host = ["b.test", "c.test:8080"]')

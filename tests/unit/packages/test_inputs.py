@@ -69,7 +69,7 @@ numpy
             only_binary=("numpy", "mujoco"),
         )
 
-    def test_hashes_are_dropped_and_said(self) -> None:
+    def test_dropped_hashes_are_noted(self) -> None:
         """A lock records its own hashes; that the file's are not asked for is a note."""
         path = put(
             "locked.txt",
@@ -139,7 +139,7 @@ cart @ file:dist/cart-1.0-py3-none-any.whl
             ("-r https://x.test/more.txt", "https://x.test/more.txt: a file on the network is not modelled"),
         ],
     )
-    def test_what_is_not_modelled_is_named(self, line: str, sentence: str) -> None:
+    def test_lines_that_are_not_modelled_are_named(self, line: str, sentence: str) -> None:
         """No line is dropped: each is named with file, line number and reason."""
         path = put("requirements.txt", f"numpy\n\n{line}\n")
 
@@ -240,7 +240,7 @@ class TestPyproject:
             'numpy<2; python_version < "3.10"',
         )
 
-    def test_what_only_a_build_tells_is_named(self) -> None:
+    def test_requirements_known_only_by_a_build_are_named(self) -> None:
         """Dynamic dependencies and Poetry's own table are not modelled."""
         path = put(
             "pyproject.toml",

@@ -149,7 +149,7 @@ def test_pylock_to_install_from() -> None:
 
 
 @pytest.mark.parametrize("folder", ["/\U0001f600", '/a"b\\c', "/é\x7f\t", "/{}[]='#"])
-def test_any_folder_can_be_told_to_uv(folder: str) -> None:
+def test_any_folder_can_be_passed_to_uv(folder: str) -> None:
     """A path with whatever characters is read again as it is."""
     built = Artifact(filename="b-1-py3-none-any.whl", sha256=B, source=f"{folder}/b-1-py3-none-any.whl")
 
@@ -158,7 +158,7 @@ def test_any_folder_can_be_told_to_uv(folder: str) -> None:
     assert package["wheels"][0]["path"] == built.source
 
 
-def test_what_uv_keeps_for_good() -> None:
+def test_wheels_that_uv_keeps_for_good() -> None:
     """A wheel with an address is kept by its hash, whatever the index says; a file that lies here needs none of it."""
     remote = Artifact(filename="a-1-py3-none-any.whl", sha256=A, source="https://files.invalid/a-1-py3-none-any.whl")
     built = Artifact(filename="b-1-py3-none-any.whl", sha256=B, source="/wheels/b-1-py3-none-any.whl")

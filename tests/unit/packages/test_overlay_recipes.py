@@ -138,7 +138,7 @@ class TestRecipe:
             ("from = ", "form = ", 'gym.toml: edits[0].form: unknown key; did you mean "from"?'),
         ],
     )  # fmt: skip
-    def test_what_is_wrong_with_one_is_told(self, old: str, new: str, message: str) -> None:
+    def test_a_wrong_recipe_is_named_with_file_and_key(self, old: str, new: str, message: str) -> None:
         """The message names the file, the key and the right form."""
         with pytest.raises(BadInput) as caught:
             overlay_recipes.read(RECIPE.replace(old, new), "gym.toml")

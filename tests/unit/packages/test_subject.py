@@ -193,7 +193,7 @@ OWN = ready(
 )
 
 
-def asked(subject: Subject, question: Question | None = None) -> Question:
+def question_for(subject: Subject, question: Question | None = None) -> Question:
     """Return the question that is resolved for the package `own`."""
     return package_under_test.complete_question(
         question or Question(requirements=("numpy==1.26.4",)), subject, OWN, PYTHON
@@ -210,9 +210,11 @@ def asked(subject: Subject, question: Question | None = None) -> Question:
     ],
     ids=["plain", "extra", "extra-of-extras", "group-of-groups"],
 )
-def test_what_it_asks_for(extras: tuple[str, ...], groups: tuple[str, ...], requirements: tuple[str, ...]) -> None:
+def test_the_projects_requirements_come_first(
+    extras: tuple[str, ...], groups: tuple[str, ...], requirements: tuple[str, ...]
+) -> None:
     """Its requirements hold for this Python and these extras, before the matrix's own; it is itself never asked for."""
-    question = asked(Subject(source=".", extras=extras, groups=groups))
+    question = question_for(Subject(source=".", extras=extras, groups=groups))
 
     assert question.requirements == (*requirements, "numpy==1.26.4")
     assert question.overrides == ("own ; sys_platform == 'never'",)
@@ -236,10 +238,12 @@ def test_what_it_asks_for(extras: tuple[str, ...], groups: tuple[str, ...], requ
     ],
     ids=["extra", "group", "by-name", "override"],
 )
-def test_what_it_does_not_have(wanted: Subject, question: Question | None, sentence: str) -> None:
+def test_a_missing_extra_or_group_is_named_with_the_nearest(
+    wanted: Subject, question: Question | None, sentence: str
+) -> None:
     """An extra or a group that it does not have is told with the nearest; the matrix may not ask for it by name."""
     with pytest.raises(BadInput) as error:
-        asked(wanted, question)
+        question_for(wanted, question)
 
     assert str(error.value) == sentence
 
@@ -261,7 +265,7 @@ def locked(**versions: str) -> Lock:
 def test_packages_of_a_suite(suite: Suite, more: tuple[str, ...]) -> None:
     """The suite's environment holds the cell's packages at the cell's versions, what its tests need, and pytest."""
     own = Subject(source=".", suite=suite)
-    cell_question = asked(own)
+    cell_question = question_for(own)
     question = own_suites.question(cell_question, locked(numpy="1.26.4", new="2"), own, OWN, PYTHON)
 
     assert question.constraints == ("numpy==1.26.4", "new==2")
@@ -274,14 +278,14 @@ def test_a_suite_asks_for_extras_by_their_key() -> None:
     own = Subject(source=".", suite=Suite(requirements=("own[draw]",)))
 
     with pytest.raises(BadInput) as error:
-        own_suites.question(asked(own), locked(numpy="1.26.4"), own, OWN, PYTHON)
+        own_suites.question(question_for(own), locked(numpy="1.26.4"), own, OWN, PYTHON)
 
     assert str(error.value) == (
         "own is the subject, which no requirement, override or axis may name; its extras are for `suite.extras`"
     )
 
 
-def test_what_was_installed_is_taken_out_of_the_copy(tmp_path: Path) -> None:
+def test_installed_sources_are_taken_out_of_the_copy(tmp_path: Path) -> None:
     """Wherever a project keeps its sources, none of them can be met; tests and what only bears their name stay."""
     modules = {"own/__init__.py": "\n", "own/core.py": "A = 1\n", "own/more/it.py": "B = 1\n", "own/empty.py": ""}
     with zipfile.ZipFile(tmp_path / "own-1.0-py3-none-any.whl", "w") as wheel:
@@ -307,7 +311,7 @@ def test_what_was_installed_is_taken_out_of_the_copy(tmp_path: Path) -> None:
     ]
 
 
-def test_a_moved_pin_is_told() -> None:
+def test_a_moved_pin_is_named() -> None:
     """A package of the cell that the tests' lock holds at another version, or not at all, is named."""
     cell_lock = locked(numpy="2.1.0", new="2", jax="1")
 
@@ -400,7 +404,9 @@ SUITES = {
 
 
 @pytest.mark.parametrize(("report", "ending", "text", "outcome", "decisive"), SUITES.values(), ids=SUITES.keys())
-def test_what_a_run_means(report: Report, ending: Ending, text: str, outcome: Outcome, decisive: str | None) -> None:
+def test_the_outcome_of_a_test_run(
+    report: Report, ending: Ending, text: str, outcome: Outcome, decisive: str | None
+) -> None:
     """Failures are of the packages, what pytest could not run says nothing of them, no test is no success."""
     assert outcome_of(report, ending, text) == (outcome, decisive)
 
@@ -502,7 +508,7 @@ def test_a_suite_without_an_environment_leaves_the_verdict_to_the_cases() -> Non
         (Step(phase=Phase.RESOLVE, outcome=Outcome.UNAVAILABLE), Outcome.UNAVAILABLE),
     ],
 )
-def test_how_a_suite_that_cannot_be_run_ends(step: Step, expected: Outcome) -> None:
+def test_a_suite_that_cannot_run_ends_by_its_cause(step: Step, expected: Outcome) -> None:
     """Packages at fault leave it out of reach; the network and this machine stay what they are."""
     assert own_suites.not_run("why", step).outcome is expected
 

@@ -253,7 +253,9 @@ OLDER = """\
         ),
     ],
 )
-def test_whose_failure(text: str, asked: Phase, phase: Phase, outcome: Outcome, decisive: str) -> None:
+def test_a_message_of_uv_has_a_phase_and_an_outcome(
+    text: str, asked: Phase, phase: Phase, outcome: Outcome, decisive: str
+) -> None:
     """A message of uv means a phase, an outcome and a decisive line; what is not known is never the packages' fault."""
     step = uv_failures.failure(text, asked)
 
@@ -307,9 +309,7 @@ WHOLE = [
 
 @pytest.mark.parametrize(("headline", "causes"), WHOLE, ids=[causes[-1][:40] for _, causes in WHOLE])
 @pytest.mark.parametrize("asked", [Phase.RESOLVE, Phase.INSTALL])
-def test_what_is_wrong_in_a_whole_archive_is_its_package_s(
-    headline: str, causes: tuple[str, ...], asked: Phase
-) -> None:
+def test_an_archive_that_uv_refuses_is_the_packages_fault(headline: str, causes: tuple[str, ...], asked: Phase) -> None:
     """Uv refuses to unpack what no index and no disk can have made: the package is uninstallable, in uv's words."""
     text = f"error: {headline}\n" + "".join(f"  cause: {cause}\n" for cause in causes)
     step = uv_failures.failure(text, asked)
@@ -334,7 +334,7 @@ def test_what_is_wrong_in_a_whole_archive_is_its_package_s(
     ],
     ids=["no RECORD", "no project"],
 )
-def test_random_names_of_folders_are_not_told(cause: str, told: str) -> None:
+def test_random_names_of_folders_are_left_out(cause: str, told: str) -> None:
     """Folders that uv's cache holds for a moment have no name of their own in a decisive line."""
     step = uv_failures.failure(f"error: Failed to download and build `odd==1.0`\n  cause: {cause}\n", Phase.RESOLVE)
 
@@ -407,7 +407,7 @@ def test_an_address_within_a_package_is_its_own_fault() -> None:
         ("Because there is no version of mujoco==99 and you require mujoco==99", False),
     ],
 )
-def test_what_an_index_may_have_mended_is_asked_again(decisive: str, mended: bool) -> None:
+def test_answers_that_an_index_may_have_fixed_are_asked_again(decisive: str, mended: bool) -> None:
     """A page that was missing and a broken file may be there today; a version that was never released is not."""
     step = Step(phase=Phase.RESOLVE, outcome=Outcome.FAILED, decisive=decisive)
 

@@ -126,7 +126,7 @@ def test_checks_and_files_belong_together() -> None:
     assert loaded | {"bootstrap_suite.py"} == set(own.files)
 
 
-def test_what_is_remembered_is_what_the_files_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_memory_gives_the_digests_of_the_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A second reading parses nothing and gives the same; a damaged memory is made anew."""
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path))
     first = program.read(INCELL)

@@ -24,7 +24,7 @@ def digest(source: str, *but: str) -> str:
         ("f(a,\n  b)", "f(a, b)"),
     ],
 )
-def test_what_does_the_same(one: str, other: str) -> None:
+def test_changes_of_layout_keep_the_digest(one: str, other: str) -> None:
     """Comments, docstrings, layout and quotes do nothing."""
     assert digest(one) == digest(other)
 
@@ -48,7 +48,7 @@ def test_what_does_the_same(one: str, other: str) -> None:
         ("a = 'é'", "a = 'e'"),
     ],
 )
-def test_what_does_something_else(one: str, other: str) -> None:
+def test_changes_of_behaviour_change_the_digest(one: str, other: str) -> None:
     """Any change of behaviour changes the digest."""
     assert digest(one) != digest(other)
 

@@ -83,7 +83,7 @@ def test_people_find_the_files_of_a_run_by_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "gone", "link"])
-def test_what_was_damaged_is_refused(tmp_path: Path, damage: str) -> None:
+def test_a_damaged_file_is_refused(tmp_path: Path, damage: str) -> None:
     """A damaged file is refused, and is stored anew when it comes again."""
     vault = Vault(tmp_path)
     made = run(vault)

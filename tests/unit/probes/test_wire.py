@@ -66,7 +66,7 @@ def test_a_whole_reply() -> None:
     )
 
 
-def test_what_was_observed() -> None:
+def test_observations_arrive_with_their_data() -> None:
     """Code and data arrive beside the words that are made of them: of findings, skips, violations, and of workers."""
     finding = {"kind": "finding", "check": "single.space", "level": "note", "observed": OUTSIDE}
     skipped = {**PASSED, "outcome": "skipped", "observed": OUTSIDE}
@@ -84,7 +84,7 @@ def test_what_was_observed() -> None:
     assert [(one.raised, one.observed) for one in check.workers] == [(violation, seen)]
 
 
-def test_what_was_observed_may_say_nothing() -> None:
+def test_unknown_observations_are_shown_as_they_came() -> None:
     """An unknown code, or data that are missing, are shown as they came."""
     strange = [{**OUTSIDE, "code": "no.code"}, {**OUTSIDE, "data": {}}]
     findings = [{"kind": "finding", "check": "x", "level": "note", "observed": one} for one in strange]

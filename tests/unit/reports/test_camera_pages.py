@@ -58,7 +58,7 @@ def case(outcome: Outcome, why: str = "", check: str = camera_pages.CHECK) -> Ca
         (case(Outcome.UNAVAILABLE, "no OpenGL"), (), "not told"),
     ],
 )
-def test_what_became_of_a_camera(entry: CaseEntry, native: tuple[str, ...], expected: str) -> None:
+def test_the_result_of_a_camera_in_a_word(entry: CaseEntry, native: tuple[str, ...], expected: str) -> None:
     """A picture, each way to have none, and what says nothing of the camera, are told apart."""
     assert str(camera_pages.way(entry, native)) == expected
 
@@ -76,7 +76,7 @@ def test_what_became_of_a_camera(entry: CaseEntry, native: tuple[str, ...], expe
         (Seen.UNTOLD, Seen.OK, None),
     ],
 )
-def test_when_the_way_round_is_proven(tensor: Seen, cpu: Seen, proven: bool | None) -> None:
+def test_a_workaround_is_proven_only_against_a_failure(tensor: Seen, cpu: Seen, proven: bool | None) -> None:
     """Only a picture where there was none proves it; where one side was not tried nothing is said."""
     assert Pair(compute=0, graphics=0, tensor=Way(seen=tensor), cpu=Way(seen=cpu)).proven is proven
 
@@ -106,7 +106,7 @@ def gymapi(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleTy
         del sys.modules[name]
 
 
-def test_what_the_stubs_do_not_have_is_refused(gymapi: ModuleType) -> None:
+def test_names_missing_in_the_stubs_are_refused(gymapi: ModuleType) -> None:
     """A name, a method, an attribute to be read or set, and arguments that do not fit."""
     gym, properties = gymapi.acquire_gym(), gymapi.CameraProperties()
     refused: list[tuple[Any, str]] = [

@@ -111,7 +111,7 @@ def test_machines_never_mix() -> None:
     assert made.machines == {"here": {"os": "one"}, "there": {"os": "another"}}
 
 
-def test_what_was_packed_comes_out_equal(tmp_path: Path) -> None:
+def test_a_packed_document_comes_out_equal(tmp_path: Path) -> None:
     """Packed twice it is the same bytes; unpacked, and put under nothing, it is the same document."""
     made = digest.combined([with_lock(tmp_path, NUMPY)])
 

@@ -109,7 +109,7 @@ def test_a_cell_in_full() -> None:
         ({}, {}),
     ],
 )
-def test_what_drew(said: object, drawn: dict[str, str]) -> None:
+def test_the_context_that_drew_is_described(said: object, drawn: dict[str, str]) -> None:
     """The context that drew is told of each case, as far as what the cell says of it can be used."""
     checks = (CheckRecord(check="render.rgb_array", outcome=Outcome.PASSED, facts={"gl": said}),)
     made = record(case("pppp", render=PhaseRecord(phase=Phase.RENDER, outcome=Outcome.PASSED, checks=checks)))
@@ -198,7 +198,7 @@ def test_keys_of_a_later_version_are_passed_over() -> None:
         (b'{"schema": 2}', 'r.json: schema: unknown value "2"; valid: "1"'),
     ],
 )
-def test_what_is_no_report(content: bytes, message: str) -> None:
+def test_a_file_that_is_no_report_is_refused(content: bytes, message: str) -> None:
     """A file that is no report is refused with its name and place."""
     with pytest.raises(BadInput) as caught:
         document.read(content, "r.json")
@@ -250,7 +250,7 @@ class TestCombined:
         assert document.combined([quick_document()]) == quick_document()
 
 
-def test_stale_expectations_are_told_and_fail() -> None:
+def test_stale_expectations_are_listed_and_fail() -> None:
     """Sentences on expectations out of date, of the plan and of cells, are in the document and make exit code 1."""
     made = record(case("pppp"), of=cell(expect=Expectation(verdict=Verdict.BROKEN, reason="known")))
     plan = Plan(matrix="quick", cells=(made.cell,), stale=("expect[1] matches no cell",))
@@ -274,7 +274,7 @@ def test_exit_code_of_what_is_as_expected() -> None:
     assert document.exit_code(whole, ("unexpected", "stale", "unavailable")) == 1
 
 
-def test_a_repaired_release_is_told() -> None:
+def test_a_repaired_release_is_listed() -> None:
     """A repaired release is listed with its edits, their reason, and everything needed to build the same wheel."""
     cells = {cell.axes["mujoco"]: cell for cell in quick_document().cells if cell.axes["python"] == "3.9"}
 

@@ -119,7 +119,7 @@ class TestTables:
             made = accepted(text, red, expectation_writer.Wish(pattern=pattern, reason="x"))
             assert [table.splitlines()[1] for table in made.tables] == selectors
 
-    def test_our_own_sentence_is_told_by_code(self) -> None:
+    def test_our_own_sentence_is_expected_by_its_code(self) -> None:
         """Our own sentence is expected by code and data, so that it is recognised when its words change."""
         line = "ContractViolation: render() returned shape (480, 720, 4), not (height, width, 3)"
         (table,) = accepted(HEAD, labels()[:1], line=line).tables
@@ -234,7 +234,7 @@ class TestFile:
 
 
 class TestReds:
-    def test_what_is_never_accepted(self) -> None:
+    def test_cells_that_are_never_accepted(self) -> None:
         """Cells that work, have no result, or are red as expected are never accepted."""
         text = accepted(HEAD, labels(mujoco="3.3.7")).text
         _, known = planned(text)

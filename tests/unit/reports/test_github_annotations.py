@@ -82,7 +82,7 @@ def test_the_platform_shows_ten(count: int, title: str) -> None:
     assert lines[-1].startswith(f"::error title={title}::")
 
 
-def test_what_was_expected_is_told() -> None:
+def test_the_expected_failure_is_named() -> None:
     """Another failure than the expected one says both; an expectation that was not met makes it so."""
     expect = Expectation(verdict=Verdict.BROKEN, phase=Phase.SINGLE, reason="known")
     made = document.build(
@@ -102,7 +102,7 @@ def test_what_was_expected_is_told() -> None:
     ]
 
 
-def test_several_machines_are_told_apart() -> None:
+def test_several_machines_are_named() -> None:
     """The same cell red on two machines is named with each of them."""
     made = reds(1)
     twice = [msgspec.structs.replace(made.cells[0], machine=name) for name in ("one", "two")]

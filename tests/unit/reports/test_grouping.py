@@ -36,12 +36,12 @@ def broken(found: Iterable[tuple[str, str]], line: str = "no such field", **more
     return matrix({place: cell(*place, line, **more) for place in found})
 
 
-def known(signature: str, **more: object) -> DiagnosisEntry:
+def mujoco_diagnosis(signature: str, **more: object) -> DiagnosisEntry:
     """Return a known failure."""
     return diagnosis(signature, **{"remedy": {"requirements": ["mujoco<4"]}, "references": ("https://e.org",), **more})
 
 
-def only(cells: list[CellEntry]) -> Trouble:
+def single_cause(cells: list[CellEntry]) -> Trouble:
     """Return the one cause of these cells."""
     (one,) = cause_groups.troubles(cells, AXES)
     return one
@@ -68,9 +68,9 @@ def only(cells: list[CellEntry]) -> Trouble:
         ([("3.9", "4.0.0"), ("3.10", "4.0.0")], "`py3.9_mujoco-4.0.0`, `py3.10_mujoco-4.0.0`"),
     ],
 )
-def test_which_cells_in_words(found: list[tuple[str, str]], words: str) -> None:
+def test_cells_in_words(found: list[tuple[str, str]], words: str) -> None:
     """Cells are described by the axes that set them apart, all of them or a count; a few are named."""
-    assert only(broken(found)).where == words
+    assert single_cause(broken(found)).where == words
 
 
 def test_an_axis_that_says_nothing_more_is_left_out() -> None:
@@ -78,7 +78,7 @@ def test_an_axis_that_says_nothing_more_is_left_out() -> None:
     cells = [one for one in broken([(python, "4.0.0") for python in PYTHONS]) if one.axes["mujoco"] != "3.3.7"]
     cells = [one for one in cells if one.axes["mujoco"] == "4.0.0" or one.axes["python"] == "3.11"]
 
-    assert only(cells).where == "all 3 cells with mujoco 4.0.0"
+    assert single_cause(cells).where == "all 3 cells with mujoco 4.0.0"
 
 
 # --- one cause -------------------------------------------------------------------------------------------------
@@ -87,11 +87,11 @@ def test_an_axis_that_says_nothing_more_is_left_out() -> None:
 def test_one_broken_release_is_one_line() -> None:
     """Cells of one known failure are one, whatever their lines and verdicts; its proof is that of any of them."""
     places = [(python, "4.0.0") for python in PYTHONS]
-    red = {place: cell(*place, f"line {place[0]}", diagnoses=(known("gone"),)) for place in places}
-    proof = known("gone", proof="quick/py3.9_mujoco-4.0.0_with-cure", proven=True)
+    red = {place: cell(*place, f"line {place[0]}", diagnoses=(mujoco_diagnosis("gone"),)) for place in places}
+    proof = mujoco_diagnosis("gone", proof="quick/py3.9_mujoco-4.0.0_with-cure", proven=True)
     red[places[0]] = cell(*places[0], "line", verdict=Verdict.BROKEN, diagnoses=(proof,))
 
-    one = only(matrix(red))
+    one = single_cause(matrix(red))
 
     assert (one.known, one.cells, one.where) == ("gone", 3, "all 3 cells with mujoco 4.0.0")
     assert one.verdicts == ((Verdict.BROKEN, 1), (Verdict.PARTIAL, 2))
@@ -103,36 +103,46 @@ def test_one_broken_release_is_one_line() -> None:
 
 def test_the_deepest_cause_counts() -> None:
     """A further cause that fits some cells stands beside the deepest cause, once."""
-    first = cell("3.9", "4.0.0", "a", diagnoses=(known("deep"), known("other")))
-    second = cell("3.10", "4.0.0", "b", diagnoses=(known("deep"), known("other", proof="quick/x", proven=True)))
+    first = cell("3.9", "4.0.0", "a", diagnoses=(mujoco_diagnosis("deep"), mujoco_diagnosis("other")))
+    second = cell(
+        "3.10",
+        "4.0.0",
+        "b",
+        diagnoses=(mujoco_diagnosis("deep"), mujoco_diagnosis("other", proof="quick/x", proven=True)),
+    )
 
-    one = only([first, second])
+    one = single_cause([first, second])
 
     assert (one.known, [(also.signature, bool(also.proofs)) for also in one.also]) == ("deep", [("other", True)])
 
 
 def test_a_mask_is_a_cause_only_where_it_is_what_the_cell_says() -> None:
     """A mask that a log has beside the true reason is no cause of the cell."""
-    mask = known("mask", masks=True, seen="EOFError")
+    mask = mujoco_diagnosis("mask", masks=True, seen="EOFError")
 
-    said = only([cell("3.9", "4.0.0", "EOFError: ", diagnoses=(mask,))])
-    reason = only([cell("3.9", "4.0.0", "KeyError: the true reason", diagnoses=(mask,))])
-    deeper = only([cell("3.9", "4.0.0", "KeyError: the true reason", diagnoses=(known("deep"), mask))])
+    said = single_cause([cell("3.9", "4.0.0", "EOFError: ", diagnoses=(mask,))])
+    reason = single_cause([cell("3.9", "4.0.0", "KeyError: the true reason", diagnoses=(mask,))])
+    deeper = single_cause(
+        [cell("3.9", "4.0.0", "KeyError: the true reason", diagnoses=(mujoco_diagnosis("deep"), mask))]
+    )
 
     assert (said.known, reason.known, deeper.known) == ("mask", "", "deep")
     assert deeper.also == ()
 
 
-def test_of_a_line_that_is_known_nothing_general_is_told() -> None:
+def test_a_known_line_gets_no_general_signature() -> None:
     """Unless it is of another line, or nothing specific is known."""
-    special, broad = known("special", seen="no field"), known("broad", seen="no field", generic=True)
-    elsewhere = known("broad", seen="no file", generic=True)
+    special, broad = (
+        mujoco_diagnosis("special", seen="no field"),
+        mujoco_diagnosis("broad", seen="no field", generic=True),
+    )
+    elsewhere = mujoco_diagnosis("broad", seen="no file", generic=True)
 
-    assert only([cell("3.9", "4.0.0", "no field", diagnoses=(special, broad))]).also == ()
-    assert [one.signature for one in only([cell("3.9", "4.0.0", "x", diagnoses=(special, elsewhere))]).also] == [
-        "broad"
-    ]
-    assert only([cell("3.9", "4.0.0", "no field", diagnoses=(broad,))]).known == "broad"
+    assert single_cause([cell("3.9", "4.0.0", "no field", diagnoses=(special, broad))]).also == ()
+    assert [
+        one.signature for one in single_cause([cell("3.9", "4.0.0", "x", diagnoses=(special, elsewhere))]).also
+    ] == ["broad"]
+    assert single_cause([cell("3.9", "4.0.0", "no field", diagnoses=(broad,))]).known == "broad"
 
 
 def test_unknown_ones_by_their_line() -> None:
@@ -174,22 +184,23 @@ def test_those_of_most_cells_first() -> None:
 
 def test_a_fix_that_a_neighbour_proves() -> None:
     """A cell that works and differs only in what the fix asks for shows that it helps; no other cell does."""
-    cells = broken([("3.9", "4.0.0")], diagnoses=(known("enums"),))
+    cells = broken([("3.9", "4.0.0")], diagnoses=(mujoco_diagnosis("enums"),))
     cells = [msgspec.structs.replace(one, installed={"mujoco": one.axes["mujoco"]}) for one in cells]
 
-    one = only(cells)
+    one = single_cause(cells)
     assert (one.proofs, one.neighbour) == ((), "py3.9_mujoco-3.3.7")  # the newest that the fix allows
     assert report_markdown.proven(one) == "proven by a neighbour: `py3.9_mujoco-3.3.7` works and differs only in this"
     others = [cell for cell in cells if cell.axes["python"] != "3.9" or cell.axes["mujoco"] == "4.0.0"]
-    assert report_markdown.proven(only(others)) == "not tried"
+    assert report_markdown.proven(single_cause(others)) == "not tried"
 
 
 def test_a_fix_that_works_together_with_more() -> None:
     """A cell with the fix and other bounds besides is no proof of the fix alone."""
-    red, green = broken([("3.9", "4.0.0")], diagnoses=(known("enums"),))[3], cell("3.9", "3.3.7")
+    red, green = broken([("3.9", "4.0.0")], diagnoses=(mujoco_diagnosis("enums"),))[3], cell("3.9", "3.3.7")
     red = msgspec.structs.replace(red, axes={**red.axes, "bounds": "declared"}, installed={"mujoco": "4.0.0"})
     green = msgspec.structs.replace(green, axes={**green.axes, "bounds": "known"}, installed={"mujoco": "3.3.7"})
 
     assert (
-        report_markdown.proven(only([red, green])) == "not tried alone; `py3.9_mujoco-3.3.7` works with this and more"
+        report_markdown.proven(single_cause([red, green]))
+        == "not tried alone; `py3.9_mujoco-3.3.7` works with this and more"
     )

@@ -116,7 +116,7 @@ def test_all_of_a_report_comes_back_to_the_byte(folder: Path) -> None:
     assert any(name.startswith("evidence/") for name in before)
 
 
-def test_a_crash_is_judged_anew_by_a_later_reading(
+def test_a_crash_is_judged_again_by_a_later_reading(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each alteration is said, cell by cell; written, the report bears the instant at which it was judged."""
@@ -217,13 +217,15 @@ def test_the_document_is_printed(folder: Path, capsys: pytest.CaptureFixture[str
     "arguments",
     [["report", "--judge-again"], ["report", "--write", "x"], ["report", "--judge-again", "--out", "y", "x"]],
 )
-def test_what_says_nothing_is_refused(arguments: list[str], folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_arguments_without_a_meaning_are_refused(
+    arguments: list[str], folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """`--judge-again` is refused without a report or with `--out`, and `--write` without it."""
     assert main(arguments) == 2
     assert "--judge-again" in capsys.readouterr().err
 
 
-def test_what_a_pack_may_hold() -> None:
+def test_members_that_a_pack_may_hold() -> None:
     """No member lies outside the folders of evidence, whatever an archive says."""
     for name in ("../x", "/etc/passwd", "cas/../../x", "cas/" + "g" * 64, "evidence/../x", "evidence/a/b/c"):
         assert not packs.NAME.fullmatch(name)

@@ -26,19 +26,19 @@ def shard(*records: CellRecord, machine: str = HERE, generated: str = GENERATED,
     return document.build(records, [plan], {machine: MACHINES[HERE]}, generated)
 
 
-def of(*documents: Document) -> Document:
+def merge(*documents: Document) -> Document:
     """Return the merged document."""
     return merging.merge([merging.Source(name=f"{number}", document=one) for number, one in enumerate(documents)])
 
 
-def ran(number: int, outcomes: str = "pppp", **more: Any) -> CellRecord:
+def planned_record(number: int, outcomes: str = "pppp", **more: Any) -> CellRecord:
     """Return the record of a cell of the plan, its verdict set by the outcomes of one case."""
     planned = PLAN.cells[number]
     tried = case(outcomes, "ant", **({"render": INFRA} if outcomes.endswith("i") else {}))
     return record(case("pppp", "cartpole"), tried, of=planned, **more)
 
 
-def found(merged: Document, number: int) -> list[tuple[str | None, Verdict]]:
+def verdicts_of(merged: Document, number: int) -> list[tuple[str | None, Verdict]]:
     """Return machine and verdict of each entry of a cell."""
     return [(cell.machine, cell.verdict) for cell in merged.cells if cell.id == PLAN.cells[number].id]
 
@@ -47,7 +47,7 @@ def random_shard(random: Random) -> Document:
     """Return a shard of some cells, with random time, machine and outcome; now and then with files of the same name."""
     machine = random.choice([HERE, OTHER, "darwin-arm64"])
     records = [
-        ran(
+        planned_record(
             number,
             random.choice(["pppp", "pppf", "ppff", "pfnn", "fnnn", "pppi"]),
             machine=machine,
@@ -71,34 +71,36 @@ def test_order_repetition_and_grouping_do_not_matter(seed: int) -> None:
     """Shards merged in any order, twice, or some of them before the others: one document, byte for byte."""
     random = Random(seed)
     shards = [random_shard(random) for _ in range(random.randrange(2, 6))]
-    expected = document.encode(of(*shards))
+    expected = document.encode(merge(*shards))
 
     shuffled = random.sample(shards, len(shards))
     cut = random.randrange(1, len(shards))
 
-    assert document.encode(of(*shuffled)) == expected
-    assert document.encode(of(*shards, *shuffled)) == expected
-    assert document.encode(of(of(*shuffled[:cut]), of(*shuffled[cut:]))) == expected
-    assert document.encode(reduce(of, shuffled, shuffled[0])) == expected
-    assert document.encode(of(document.read(expected, "r"))) == expected
+    assert document.encode(merge(*shuffled)) == expected
+    assert document.encode(merge(*shards, *shuffled)) == expected
+    assert document.encode(merge(merge(*shuffled[:cut]), merge(*shuffled[cut:]))) == expected
+    assert document.encode(reduce(merge, shuffled, shuffled[0])) == expected
+    assert document.encode(merge(document.read(expected, "r"))) == expected
 
 
 class TestCells:
     def test_shards_are_one_report(self) -> None:
         """Each cell from the shard that ran it, in the order of the plan; a gap is one row of no machine."""
-        merged = of(shard(ran(2), ran(0)), shard(ran(4, machine=OTHER), machine=OTHER))
+        merged = merge(
+            shard(planned_record(2), planned_record(0)), shard(planned_record(4, machine=OTHER), machine=OTHER)
+        )
 
         assert [cell.id for cell in merged.cells] == [planned.id for planned in PLAN.cells]
-        assert found(merged, 0) == [(HERE, Verdict.WORKS)]
-        assert found(merged, 4) == [(OTHER, Verdict.WORKS)]
-        assert found(merged, 1) == [(None, Verdict.NOT_RUN)]
+        assert verdicts_of(merged, 0) == [(HERE, Verdict.WORKS)]
+        assert verdicts_of(merged, 4) == [(OTHER, Verdict.WORKS)]
+        assert verdicts_of(merged, 1) == [(None, Verdict.NOT_RUN)]
         assert sorted(merged.machines) == [OTHER, HERE]
 
     def test_machines_stand_side_by_side(self) -> None:
         """One machine never covers another's result."""
-        merged = of(shard(ran(0)), shard(ran(0, "pfnn", machine=OTHER), machine=OTHER))
+        merged = merge(shard(planned_record(0)), shard(planned_record(0, "pfnn", machine=OTHER), machine=OTHER))
 
-        assert found(merged, 0) == [(OTHER, Verdict.PARTIAL), (HERE, Verdict.WORKS)]
+        assert verdicts_of(merged, 0) == [(OTHER, Verdict.PARTIAL), (HERE, Verdict.WORKS)]
 
     @pytest.mark.parametrize(
         ("older", "newer", "stands"),
@@ -111,36 +113,36 @@ class TestCells:
     )
     def test_measured_twice(self, older: str, newer: str, stands: Verdict) -> None:
         """The newer result stands, unless it says nothing and the older one does."""
-        first = shard(ran(0, older, measured="2026-11-20T12:00:00Z"))
-        second = shard(ran(0, newer, measured="2026-11-21T12:00:00Z"))
+        first = shard(planned_record(0, older, measured="2026-11-20T12:00:00Z"))
+        second = shard(planned_record(0, newer, measured="2026-11-21T12:00:00Z"))
 
-        assert found(of(second, first), 0) == [(HERE, stands)]
+        assert verdicts_of(merge(second, first), 0) == [(HERE, stands)]
 
     def test_combination_left_out_by_one_report(self) -> None:
         """A combination that one report plans is a cell, even if another report leaves it out."""
         here = Plan(matrix="quick", cells=PLAN.cells[:2], dropped=(Dropped(id=PLAN.cells[2].id, reason="no"),))
         there = Plan(matrix="quick", cells=PLAN.cells[2:3], dropped=(Dropped(id="quick/z", reason="too old"),))
 
-        merged = of(shard(plan=here), shard(ran(2), plan=there))
+        merged = merge(shard(plan=here), shard(planned_record(2), plan=there))
 
-        assert found(merged, 2) == [(HERE, Verdict.WORKS)]
+        assert verdicts_of(merged, 2) == [(HERE, Verdict.WORKS)]
         assert [gone.id for gone in merged.dropped] == ["quick/z"]
 
     def test_a_pattern_keeps_how_many_it_stands_for(self) -> None:
         """One line of a strategy can stand for many combinations left out, and keeps their number."""
         plan = replace(PLAN, dropped=(Dropped(id="quick/*", reason="not chosen by pairwise", count=301),))
 
-        merged = of(shard(ran(0), plan=plan), shard(ran(1), plan=plan))
+        merged = merge(shard(planned_record(0), plan=plan), shard(planned_record(1), plan=plan))
 
         assert [(gone.id, gone.count) for gone in merged.dropped] == [("quick/*", 301)]
 
     def test_facts_that_differ_in_a_class_of_machines_are_left_out(self) -> None:
         """Two machines of one class: what both have in common is told."""
         small, big = ({"cpus": cpus, "os": "Debian 12"} for cpus in (2, 64))
-        one = msgspec.structs.replace(shard(ran(0)), machines={HERE: small})
-        two = msgspec.structs.replace(shard(ran(1)), machines={HERE: big})
+        one = msgspec.structs.replace(shard(planned_record(0)), machines={HERE: small})
+        two = msgspec.structs.replace(shard(planned_record(1)), machines={HERE: big})
 
-        assert of(one, two).machines == {HERE: {"os": "Debian 12"}}
+        assert merge(one, two).machines == {HERE: {"os": "Debian 12"}}
 
 
 class TestStale:
@@ -152,7 +154,7 @@ class TestStale:
 
     def measured(self, outcomes: str, instant: str, plan: Plan) -> Document:
         """Return a shard that ran the first cell."""
-        return shard(replace(ran(0, outcomes, measured=instant), cell=plan.cells[0]), plan=plan)
+        return shard(replace(planned_record(0, outcomes, measured=instant), cell=plan.cells[0]), plan=plan)
 
     def test_cells_speak_as_they_are_now(self) -> None:
         """Remarks on a replaced result are dropped; remarks of the matrix itself appear once."""
@@ -161,7 +163,7 @@ class TestStale:
         as_expected = self.measured("pppf", "2026-11-21T12:00:00Z", plan)
 
         assert len(better.stale) == 2
-        assert of(better, as_expected).stale == ("quick.toml: exclude[0] matches nothing",)
+        assert merge(better, as_expected).stale == ("quick.toml: exclude[0] matches nothing",)
 
     def test_a_time_that_has_passed(self) -> None:
         """An expectation is out of date as of the newest report."""
@@ -170,7 +172,7 @@ class TestStale:
 
         later = msgspec.structs.replace(shard(plan=plan), generated="2026-11-22T00:00:01Z")
 
-        assert of(red, later).stale[1] == (
+        assert merge(red, later).stale[1] == (
             f"{PLAN.cells[0].id} was expected to be partial until 2026-11-21T23:59:59Z, which has passed"
         )
 
@@ -199,11 +201,11 @@ class TestBelongTogether:
     )
     def test_other_questions_are_refused(self, change: Callable[[CellEntry], CellEntry], message: str) -> None:
         """Answers to two questions are not put under one name; both files are named."""
-        one = shard(ran(0))
+        one = shard(planned_record(0))
         two = msgspec.structs.replace(one, cells=(change(one.cells[0]), *one.cells[1:]))
 
         with pytest.raises(BadInput) as caught:
-            of(one, two)
+            merge(one, two)
 
         assert str(caught.value) == message
 
@@ -216,13 +218,13 @@ class TestBelongTogether:
         ],
         ids=["constraints", "kwargs", "steps"],
     )
-    def test_what_is_asked_for_out_of_sight_counts(self, change: Callable[[Cell], Cell]) -> None:
+    def test_constraints_and_arguments_make_another_question(self, change: Callable[[Cell], Cell]) -> None:
         """Constraints and arguments make another question under the same id and requirements."""
         cells = [PLAN.cells[0], change(PLAN.cells[0])]
         one, other = (shard(record(of=cell), plan=replace(PLAN, cells=(cell,))) for cell in cells)
 
         with pytest.raises(BadInput, match=r"the packages and cases of \S+ differ;"):
-            of(one, other)
+            merge(one, other)
 
     def test_another_snapshot_is_refused(self) -> None:
         """A matrix as of another day is another one; instants that no matrix names may differ between shards."""
@@ -230,8 +232,8 @@ class TestBelongTogether:
         asked = [replace(PLAN.cells[0], question=replace(PLAN.cells[0].question, snapshot=day)) for day in "ab"]
 
         with pytest.raises(BadInput, match=r"the snapshot of quick differ;"):
-            of(*days)
-        assert of(*(shard(plan=replace(PLAN, cells=(cell,))) for cell in asked)).cells[0].id == PLAN.cells[0].id
+            merge(*days)
+        assert merge(*(shard(plan=replace(PLAN, cells=(cell,))) for cell in asked)).cells[0].id == PLAN.cells[0].id
 
     def test_another_commit_of_the_subject_is_refused(self) -> None:
         """Shards of two commits of the package under test are no one answer."""
@@ -239,16 +241,16 @@ class TestBelongTogether:
         one, other = (shard(record(of=cell), plan=replace(PLAN, cells=(cell,))) for cell in cells)
 
         with pytest.raises(BadInput, match=r"the state of the subject of \S+ differ;"):
-            of(one, other)
-        assert of(one, one).cells[0].subject == one.cells[0].subject
+            merge(one, other)
+        assert merge(one, one).cells[0].subject == one.cells[0].subject
 
     def test_other_probes_are_refused(self) -> None:
         """Results measured with different probes are not merged into one table."""
-        one = msgspec.structs.replace(shard(ran(0)), probes={"gymnasium.single": "6ee7"})
-        two = msgspec.structs.replace(shard(ran(1)), probes={"gymnasium.single": "4557"})
+        one = msgspec.structs.replace(shard(planned_record(0)), probes={"gymnasium.single": "6ee7"})
+        two = msgspec.structs.replace(shard(planned_record(1)), probes={"gymnasium.single": "4557"})
 
         with pytest.raises(BadInput) as caught:
-            of(one, two)
+            merge(one, two)
 
         assert str(caught.value) == (
             "1: made by another simmatrix than 0: the probes of gymnasium.single differ;"
@@ -260,7 +262,7 @@ class TestPlaces:
     def placed(self, *contents: str) -> tuple[Document, dict[str, str]]:
         """Place the locks of the first cells, with these contents; return the document and the file names by token."""
         tokens = (merging.token("locks/5f0c.txt", content) for content in contents)
-        return merging.assign_paths(shard(*(ran(number, lock=token) for number, token in enumerate(tokens))))
+        return merging.assign_paths(shard(*(planned_record(number, lock=token) for number, token in enumerate(tokens))))
 
     def test_one_content_lies_there_once(self) -> None:
         """A lock that several cells have keeps its name."""

@@ -23,14 +23,14 @@ after
 """
 
 
-def made(source: Path, pivot: tuple[str, str] | None) -> str:
+def stand_in_report(source: Path, pivot: tuple[str, str] | None) -> str:
     """Return a stand-in for the report of a source and its pivot."""
     return f"{source.as_posix()} {pivot}\n"
 
 
 def test_blocks_are_made_again() -> None:
     """Each block is filled from its own source, as seen from the file; what stands around it stays."""
-    told = readme_blocks.renewed(TEXT, Path("docs"), made)
+    told = readme_blocks.renewed(TEXT, Path("docs"), stand_in_report)
 
     assert told == (
         "# A page\n\n"
@@ -39,7 +39,7 @@ def test_blocks_are_made_again() -> None:
         "<!-- end -->\n\nbetween\n\n"
         "<!-- simmatrix report two -->\n\ndocs/two None\n\n<!-- end -->\nafter\n"
     )
-    assert readme_blocks.renewed(told, Path("docs"), made) == told
+    assert readme_blocks.renewed(told, Path("docs"), stand_in_report) == told
 
 
 def test_a_file_is_renewed(tmp_path: Path) -> None:
@@ -47,9 +47,9 @@ def test_a_file_is_renewed(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(TEXT)
 
-    assert readme_blocks.renew(page, made) == 0
+    assert readme_blocks.renew(page, stand_in_report) == 0
     first = page.stat().st_mtime_ns, page.stat().st_ino
-    assert readme_blocks.renew(page, made) == 0
+    assert readme_blocks.renew(page, stand_in_report) == 0
     assert (page.stat().st_mtime_ns, page.stat().st_ino) == first
 
 
@@ -59,7 +59,7 @@ def test_a_file_without_a_block(tmp_path: Path) -> None:
     page.write_text("nothing here\n")
 
     with pytest.raises(BadInput) as refused:
-        readme_blocks.renew(page, made)
+        readme_blocks.renew(page, stand_in_report)
 
     told = "has no table to make again: `<!-- simmatrix report SOURCE -->`, below it `<!-- end -->`"
     assert str(refused.value) == f"{page}: {told}"
@@ -68,4 +68,4 @@ def test_a_file_without_a_block(tmp_path: Path) -> None:
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     """A wrong path is bad input."""
     with pytest.raises(BadInput, match="cannot be read: No such file or directory"):
-        readme_blocks.renew(tmp_path / "absent.md", made)
+        readme_blocks.renew(tmp_path / "absent.md", stand_in_report)

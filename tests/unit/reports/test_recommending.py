@@ -54,7 +54,7 @@ class World:
         """Return all cells with their locks."""
         return measured_cells.read(digest.with_locks("", {}, sorted(self.cells, key=lambda cell: cell.id), self.locks))
 
-    def found(self, *wanted: str, **asked: Any) -> list[recommending.Combination]:
+    def combinations(self, *wanted: str, **asked: Any) -> list[recommending.Combination]:
         """Return the combinations that work."""
         return recommending.combinations(self.results, query(*wanted, **asked))
 
@@ -90,10 +90,10 @@ def test_the_newest_come_first_in_the_order_asked(world: World) -> None:
     for a, b in (("1.9", "2.0"), ("1.10", "1.0"), ("1.10", "1.2")):
         world.add("3.11", {"aa": a, "bb": b})
 
-    assert [one.versions for one in world.found("aa", "bb")] == [
+    assert [one.versions for one in world.combinations("aa", "bb")] == [
         {"aa": "1.10", "bb": "1.2"}, {"aa": "1.10", "bb": "1.0"}, {"aa": "1.9", "bb": "2.0"},
     ]  # fmt: skip
-    assert world.found("bb", "aa")[0].versions == {"bb": "2.0", "aa": "1.9"}
+    assert world.combinations("bb", "aa")[0].versions == {"bb": "2.0", "aa": "1.9"}
 
 
 def test_only_what_works_and_fits_is_found(world: World) -> None:
@@ -102,9 +102,9 @@ def test_only_what_works_and_fits_is_found(world: World) -> None:
     world.add("3.11", {"aa": "3.0", "bb": "1.0"}, "partial")
     world.add("3.11", {"aa": "2.0"})
 
-    assert [one.versions["aa"] for one in world.found("aa")] == ["2.0", "1.0"]
-    assert [one.versions["aa"] for one in world.found("aa", "bb")] == ["1.0"]
-    assert [one.versions["aa"] for one in world.found("AA<2")] == ["1.0"]
+    assert [one.versions["aa"] for one in world.combinations("aa")] == ["2.0", "1.0"]
+    assert [one.versions["aa"] for one in world.combinations("aa", "bb")] == ["1.0"]
+    assert [one.versions["aa"] for one in world.combinations("AA<2")] == ["1.0"]
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_of_a_python(world: World, python: str, pythons: list[str]) -> None:
     """A minor version stands for all its patches, a prefix of its digits for nothing."""
     world.add("3.11", {"aa": "1.0"})
 
-    assert [one.python for one in world.found("aa", python=python)] == pythons
+    assert [one.python for one in world.combinations("aa", python=python)] == pythons
 
 
 @pytest.mark.parametrize(
@@ -126,13 +126,13 @@ def test_of_a_python(world: World, python: str, pythons: list[str]) -> None:
     ],
     ids=["unverified", "skipped", "not there"],
 )
-def test_what_is_needed_has_to_have_passed(world: World, more: dict[str, Any]) -> None:
+def test_needed_phases_have_to_have_passed(world: World, more: dict[str, Any]) -> None:
     """A cell that works, and could not show what is needed, is not enough."""
     world.add("3.11", {"aa": "2.0"}, **more)
     good = world.add("3.11", {"aa": "1.0"})
 
-    assert [one.cell for one in world.found("aa", needs=(Phase.RENDER,))] == [good]
-    assert len(world.found("aa")) == 2
+    assert [one.cell for one in world.combinations("aa", needs=(Phase.RENDER,))] == [good]
+    assert len(world.combinations("aa")) == 2
 
 
 def test_an_environment_has_to_have_been_tried(world: World) -> None:
@@ -140,10 +140,10 @@ def test_an_environment_has_to_have_been_tried(world: World) -> None:
     other = case("b", "robosuite:Lift", api="robosuite", phases={**ALL, "render": "skipped"})
     world.add("3.11", {"aa": "1.0"}, cases=[other])
 
-    assert world.found("aa", env="robosuite:Lift")
-    assert world.found("aa", env="Lift")
-    assert not world.found("aa", env="Lift", needs=(Phase.RENDER,))
-    assert not world.found("aa", env="Ant-v5")
+    assert world.combinations("aa", env="robosuite:Lift")
+    assert world.combinations("aa", env="Lift")
+    assert not world.combinations("aa", env="Lift", needs=(Phase.RENDER,))
+    assert not world.combinations("aa", env="Ant-v5")
 
 
 def test_of_an_environment_its_own_phases_count(world: World) -> None:
@@ -152,9 +152,9 @@ def test_of_an_environment_its_own_phases_count(world: World) -> None:
     phases = {**ALL, "render": "unavailable"}
     world.add("3.11", {"aa": "1.0"}, cases=[mine, other], unverified=["render"], phases=phases)
 
-    assert world.found("aa", env="Ant-v5", needs=(Phase.RENDER,))
-    assert not world.found("aa", env="Window-v0", needs=(Phase.RENDER,))
-    assert not world.found("aa", needs=(Phase.RENDER,))
+    assert world.combinations("aa", env="Ant-v5", needs=(Phase.RENDER,))
+    assert not world.combinations("aa", env="Window-v0", needs=(Phase.RENDER,))
+    assert not world.combinations("aa", needs=(Phase.RENDER,))
 
 
 def test_equal_versions_are_one(world: World) -> None:
@@ -163,7 +163,7 @@ def test_equal_versions_are_one(world: World) -> None:
     best = world.add("3.12", {"aa": "1.0"})
     world.add("3.9", {"aa": "1.0"}, machine="another")
 
-    (one,) = world.found("aa")
+    (one,) = world.combinations("aa")
 
     assert (one.pythons, one.machines, one.cell) == (("3.12.7", "3.10.7", "3.9.7"), ("another", HERE), best)
     assert len(one.cells) == 3
@@ -184,7 +184,7 @@ def test_the_plain_one_is_shown(world: World, more: dict[str, Any]) -> None:
     plain = world.add("3.10", {"aa": "1.0"}, environment={"MUJOCO_GL": "egl"})
     world.add("3.12", {"aa": "1.0"}, **more)
 
-    (one,) = world.found("aa")
+    (one,) = world.combinations("aa")
 
     assert (one.cell, one.settings, one.repaired, one.brought) == (plain, {"MUJOCO_GL": "egl"}, (), ())
 
@@ -193,7 +193,7 @@ def test_the_lock_is_the_cells_own(world: World) -> None:
     """The lock of an answer is the text whose hash the cell has."""
     world.add("3.11", {"aa": "1.0", "bb": "2.0"})
 
-    (one,) = world.found("bb")
+    (one,) = world.combinations("bb")
 
     assert hashlib.sha256(one.lock.encode()).hexdigest() == one.lock_sha256
     assert one.lock.startswith("aa==1.0 \\\n    --hash=sha256:")
@@ -201,7 +201,7 @@ def test_the_lock_is_the_cells_own(world: World) -> None:
 
 
 @pytest.mark.parametrize("text", ["aa @ file:///a.whl", "aa; python_version < '3'", "a a", ""])
-def test_what_is_no_requirement_of_a_package(text: str) -> None:
+def test_addresses_and_markers_are_refused(text: str) -> None:
     """Addresses and markers are refused: nothing measured could be compared with them."""
     with pytest.raises(ValueError, match=r"name a package|is not a requirement"):
         Wanted.of(text)
@@ -218,7 +218,7 @@ def test_a_version_between_two_that_work(world: World) -> None:
 
     assert (one.kind, one.versions, one.from_cells) == ("between", {"aa": "3.3.1", "bb": "1.0"}, (low, high))
     assert one.why == "aa 3.3.1 lies between 3.3.0 and 3.3.2, both measured good with the same Python 3.11, bb 1.0"
-    assert not world.found("aa==3.3.1", "bb")
+    assert not world.combinations("aa==3.3.1", "bb")
 
 
 def test_nothing_follows_outside(world: World) -> None:
@@ -286,24 +286,26 @@ def test_a_python_between_two_that_work(world: World) -> None:
 # --- what a case ran -------------------------------------------------------------------------------------------
 
 
-def test_what_was_only_installed_is_never_good(world: World) -> None:
+def test_a_package_that_was_only_installed_is_never_good(world: World) -> None:
     """A package of the lock that nobody asked for and no case imported was never run, whatever works beside it."""
     pins = {"aa": "1.0", "numpy": "2.0", "pettingzoo": "1.0", "flax": "0.8"}
     world.add("3.11", pins, axes={"python": "3.11", "aa": "1.0"}, imported=["numpy", "pettingzoo"])
     answer = world.answer("pettingzoo")
 
-    assert [one.versions for one in world.found("aa", "numpy")] == [{"aa": "1.0", "numpy": "2.0"}]
-    assert not world.found("pettingzoo"), "it was imported by another package, and none of its environments was run"
-    assert not world.found("flax")
+    assert [one.versions for one in world.combinations("aa", "numpy")] == [{"aa": "1.0", "numpy": "2.0"}]
+    assert not world.combinations("pettingzoo"), (
+        "it was imported by another package, and none of its environments was run"
+    )
+    assert not world.combinations("flax")
     assert (answer.installed, answer.measured, answer.red) == ({"pettingzoo": ("1.0",)}, (), ())
 
 
-def test_what_the_cell_noted_counts(world: World) -> None:
+def test_packages_noted_by_the_cell_count(world: World) -> None:
     """A package that is only named is not among those that a cell noted as run."""
     world.add("3.11", {"aa": "1.0", "bb": "1.0"}, cases=[case("a", exercised=["aa"])])
 
-    assert world.found("aa")
-    assert not world.found("bb")
+    assert world.combinations("aa")
+    assert not world.combinations("bb")
 
 
 @pytest.mark.parametrize(
@@ -314,14 +316,14 @@ def test_only_plainly_good_cells_are_recommended(world: World, more: dict[str, A
     world.add("3.11", {"aa": "2.0"}, **more)
     world.add("3.11", {"aa": "1.0"})
 
-    assert [one.versions["aa"] for one in world.found("aa")] == ["1.0"]
+    assert [one.versions["aa"] for one in world.combinations("aa")] == ["1.0"]
     assert [one.verdicts for one in world.red("aa==2.0")] == ([("misleads",)] if "verdict" in more else [])
     for asked in ("aa==2.0", "aa"):
         doubtful = world.answer(asked).doubtful
         assert [one.unverified for one in doubtful] == ([] if "verdict" in more else [("silent:lurking",)])
 
 
-def test_of_a_partial_cell_the_tasks_that_work_are_told(world: World) -> None:
+def test_the_working_tasks_of_a_partial_cell_are_listed(world: World) -> None:
     """Nothing works as a whole: what works, by task; and the task alone is good where it is asked for."""
     bad = case("b", "Swimmer-v4", phases={"single": "failed"}, decisive="no")
     world.add("3.11", {"aa": "1.0"}, "partial", cases=[case("a"), bad])
@@ -329,8 +331,8 @@ def test_of_a_partial_cell_the_tasks_that_work_are_told(world: World) -> None:
     (part,) = world.answer("aa").partly
 
     assert (part.works, part.fails) == (("a",), {"b": "no"})
-    assert world.found("aa", env="Ant-v5")
-    assert not world.found("aa", env="Swimmer-v4")
+    assert world.combinations("aa", env="Ant-v5")
+    assert not world.combinations("aa", env="Swimmer-v4")
     assert not world.red("aa", env="Ant-v5")
 
 
@@ -383,13 +385,13 @@ def test_a_newer_one_on_another_python_is_named(world: World) -> None:
     assert not world.answer("aa", python="3.13").newer
 
 
-def test_what_to_install_keeps_extras_and_numpy(world: World) -> None:
+def test_the_install_command_keeps_extras_and_numpy(world: World) -> None:
     """Requirements of the cell at their measured versions: extras of all its lines, numpy, no local version."""
     asked = ["gymnasium[mujoco]", "gymnasium==1.4.0", "torch"]
     pins = {"gymnasium": "1.4.0", "torch": "2.13.0+cpu", "numpy": "2.4.6", "rest": "1.0"}
     world.add("3.11", pins, requirements=asked, axes={"python": "3.11"}, imported=["numpy"])
 
-    (one,) = world.found("torch")
+    (one,) = world.combinations("torch")
 
     assert one.requirements == ("torch==2.13.0", "gymnasium[mujoco]==1.4.0", "numpy==2.4.6")
 
@@ -450,7 +452,7 @@ def test_unknown_red_ones_by_what_a_matrix_says_of_their_line() -> None:
 @pytest.mark.parametrize(
     "more", [{"cases": [case("a", "gym:module:make")]}, {"suffix": "-again", "environment": {"A": "b"}}]
 )
-def test_what_is_no_matter_of_versions_is_no_neighbour(world: World, more: dict[str, Any]) -> None:
+def test_a_failure_independent_of_versions_is_no_neighbour(world: World, more: dict[str, Any]) -> None:
     """A cell that a matrix broke on purpose, and one whose very lock works elsewhere, say nothing of versions."""
     world.add("3.11", {"aa": "1.0"} if "suffix" in more else {"aa": "0.9"})
 
@@ -459,7 +461,7 @@ def test_what_is_no_matter_of_versions_is_no_neighbour(world: World, more: dict[
     assert world.red("aa") == []
 
 
-def test_what_could_not_be_locked_is_told_by_what_was_asked(world: World) -> None:
+def test_an_unresolvable_combination_shows_the_versions_asked_for(world: World) -> None:
     """An unresolvable combination has no lock; its axes say which versions it was."""
     world.add("3.11", {"aa": "1.0", "bb": "2.0"}, "unresolvable", lock=None)
 

@@ -49,7 +49,7 @@ WORDS = {"/home/jane": "~", "jane": "<user>", "gpu-node-07": "<host>", "pypi.acm
         ("-----BEGIN RSA PRIVATE KEY-----\nMIIE\n-----END RSA PRIVATE KEY-----\nafter", "<redacted>\nafter"),
     ],
 )
-def test_what_is_taken_out(text: str, left: str) -> None:
+def test_private_names_are_taken_out(text: str, left: str) -> None:
     """Paths keep the part that says something, names and secrets go."""
     assert redacting.redacted(text, WORDS) == left
 
@@ -74,7 +74,7 @@ def test_what_is_taken_out(text: str, left: str) -> None:
         "janet and gpu-node-071",
     ],
 )
-def test_what_stays(text: str) -> None:
+def test_needed_details_stay(text: str) -> None:
     """Nothing of what an upstream needs is lost: lines, links, system libraries, versions, hashes."""
     assert redacting.redacted(text, WORDS) == text
 

@@ -15,7 +15,7 @@ from harness.model import CaseRecord, Phase
 from harness.reports import publishing
 
 
-def drawn(opened: Store, name: str, picture: bytes) -> CaseRecord:
+def case_with_frame(opened: Store, name: str, picture: bytes) -> CaseRecord:
     """Return a case of the environment `ant` with one frame, measured at a time of its own."""
     frame = opened.evidence(name) / "render.rgb_array-first.png"
     frame.write_bytes(picture)
@@ -33,7 +33,9 @@ def test_equal_frames_are_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     opened, written = Store(tmp_path / "state"), []
     write = store.write_atomic
     monkeypatch.setattr(store, "write_atomic", lambda path, content: (written.append(path.name), write(path, content)))
-    cases = [drawn(opened, name, picture) for name, picture in (("a", b"one"), ("bb", b"one"), ("ccc", b"two"))]
+    cases = [
+        case_with_frame(opened, name, picture) for name, picture in (("a", b"one"), ("bb", b"one"), ("ccc", b"two"))
+    ]
 
     locate = publishing.place([record(tried) for tried in cases], opened, tmp_path / "report")
     names = [locate(f"evidence/{name}/render.rgb_array-first.png") for name in ("a", "bb", "ccc")]

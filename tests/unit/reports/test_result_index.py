@@ -98,7 +98,7 @@ def test_a_folder_without_a_report_is_refused(
     assert str(refused.value).startswith(message.format(alone))
 
 
-def test_what_this_store_measured_lies_on_top(alone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_results_of_this_store_lie_on_top(alone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A cell that was measured here again is told as it stands here; a cell measured elsewhere alone stays."""
     monkeypatch.setenv(result_index.VARIABLE, str(put(alone / "others")))
     before = {cell.id: cell for cell in result_index.load().cells}

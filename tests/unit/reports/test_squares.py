@@ -24,25 +24,25 @@ def at(python: str, mujoco: str, label: str = "", cases: tuple[str, ...] = ("ant
     return cell(label or f"py{python}-mujoco{mujoco}", cases, axes=axes, python=python)
 
 
-def ran(of: Cell, *outcomes: str, **more: Any) -> CellRecord:
+def record_of(of: Cell, *outcomes: str, **more: Any) -> CellRecord:
     """Return a record of a cell, with the letters of each of its cases."""
     cases = [case(letters, one.id) for letters, one in zip(outcomes, of.cases, strict=True)]
     return record(*cases, of=of, **{"python": f"{of.python}.1", **more})
 
 
-def made(*records: CellRecord, variants: frozenset[str] = frozenset(), axes: tuple[str, ...] = AXES) -> Document:
+def report_of(*records: CellRecord, variants: frozenset[str] = frozenset(), axes: tuple[str, ...] = AXES) -> Document:
     """Return the document of a matrix."""
     return document_of(*records, axes=axes, variants=variants)
 
 
 def pivot(*records: CellRecord, variants: frozenset[str] = frozenset(), axes: tuple[str, ...] = AXES) -> Pivot:
     """Return the table of these records, with MuJoCo down and Python across."""
-    found = tables.report(made(*records, variants=variants, axes=axes), ("mujoco", "python")).sheets[0].pivot
+    found = tables.report(report_of(*records, variants=variants, axes=axes), ("mujoco", "python")).sheets[0].pivot
     assert found is not None
     return found
 
 
-def only(found: Pivot) -> tuple[Square, ...]:
+def single_square(found: Pivot) -> tuple[Square, ...]:
     """Return the one square that is not empty."""
     (square,) = [square for row in found.squares for square in row if square]
     return square
@@ -53,32 +53,32 @@ MANY = tuple(f"task{number}" for number in range(11))
 
 class TestTasks:
     @pytest.mark.parametrize(("failing", "shown"), [(1, "◐ 10/11"), (3, "◐ 8/11")])
-    def test_one_failing_task_is_told_from_three(self, failing: int, shown: str) -> None:
+    def test_a_square_counts_the_tasks_that_passed(self, failing: int, shown: str) -> None:
         """Of a partial cell the square says how many tasks passed of those tried."""
         letters = ["pppp"] * (11 - failing) + ["pfnn"] * failing
-        found = pivot(ran(at("3.11", "3.3.7", cases=MANY), *letters))
+        found = pivot(record_of(at("3.11", "3.3.7", cases=MANY), *letters))
 
-        assert report_markdown.mark(found, only(found)[0]) == shown
+        assert report_markdown.mark(found, single_square(found)[0]) == shown
 
     def test_a_task_that_misleads_did_not_pass(self) -> None:
         """It raised nothing, and it is not counted among those that passed."""
-        whole = made(ran(at("3.11", "3.3.7"), "pppp"))
+        whole = report_of(record_of(at("3.11", "3.3.7"), "pppp"))
         wrong = msgspec.structs.replace(whole.cells[0].cases[0], misleads=("render.camera",))
 
         assert squares.tasks([whole.cells[0]]) == (1, 1)
         assert squares.tasks([msgspec.structs.replace(whole.cells[0], cases=(wrong,))]) == (0, 1)
 
-    def test_what_this_machine_lacks_fails_no_task(self) -> None:
+    def test_missing_parts_of_this_machine_fail_no_task(self) -> None:
         """A task without rendering passed as far as it can be told; one that was never reached was not tried."""
-        found = made(ran(at("3.11", "3.3.7", cases=("a", "b")), "pppu", "nnnn"))
+        found = report_of(record_of(at("3.11", "3.3.7", cases=("a", "b")), "pppu", "nnnn"))
 
         assert squares.tasks(found.cells) == (1, 1)
 
     def test_a_task_has_to_pass_in_every_cell_of_the_square(self) -> None:
         """Cells of one verdict are counted together by their tasks, not by themselves."""
-        found = made(
-            ran(at("3.10", "3.3.7", cases=("a", "b")), "pppp", "pfnn"),
-            ran(at("3.11", "3.3.7", cases=("a", "b")), "pfnn", "pppp"),
+        found = report_of(
+            record_of(at("3.10", "3.3.7", cases=("a", "b")), "pppp", "pfnn"),
+            record_of(at("3.11", "3.3.7", cases=("a", "b")), "pfnn", "pppp"),
         )
 
         assert squares.tasks(found.cells) == (0, 2)
@@ -90,9 +90,11 @@ class TestRoles:
         main, side = at("3.11", "3.3.7"), at("3.11", "3.3.7", "py3.11-beside", gym="0.21")
         tried = Tried(name="older", reason="why", change=Change(requirements=("numpy<1",)))
         changed = replace(main, id="quick/py3.11-mujoco3.3.7-with-older", base=main.id, tried=tried)
-        found = pivot(ran(main, "pppp"), ran(side, "pfnn"), ran(changed, "pfnn"), variants=frozenset({side.id}))
+        found = pivot(
+            record_of(main, "pppp"), record_of(side, "pfnn"), record_of(changed, "pfnn"), variants=frozenset({side.id})
+        )
 
-        (one,) = only(found)
+        (one,) = single_square(found)
         assert (one.verdict, one.varies, one.fixed) == (Verdict.WORKS, True, False)
         assert "`*`: fails under a side condition, listed below as variant." in report_markdown.legend(found)
 
@@ -103,10 +105,12 @@ class TestRoles:
         tried = Tried(name="cure", reason="why", change=Change(requirements=("numpy<2",)))
         other = replace(main, id="quick/other", **({"base": main.id, "tried": tried} if by == "change" else {}))
         found = pivot(
-            ran(main, "pfnn"), ran(other, "pppp"), variants=frozenset({other.id} - {by == "change" and other.id})
+            record_of(main, "pfnn"),
+            record_of(other, "pppp"),
+            variants=frozenset({other.id} - {by == "change" and other.id}),
         )
 
-        assert report_markdown.mark(found, only(found)[0]) == "✘→✔ 0/1"
+        assert report_markdown.mark(found, single_square(found)[0]) == "✘→✔ 0/1"
         assert "→✔: works with a change that is listed below." in report_markdown.legend(found)
 
     def test_role_of_each_cell_is_in_the_document(self) -> None:
@@ -120,7 +124,7 @@ class TestRoles:
             replace(main, id="quick/a", base=main.id, tried=what_if),
             replace(main, id="quick/b", base=main.id, tried=repair),
         )
-        found = made(*(ran(one, "pppp") for one in cells), variants=frozenset({side.id}))
+        found = report_of(*(record_of(one, "pppp") for one in cells), variants=frozenset({side.id}))
 
         assert [one.role for one in found.cells] == [Role.MAIN, Role.VARIANT, Role.WHAT_IF, Role.REPAIR]
 
@@ -144,14 +148,14 @@ class TestWhere:
         step = Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive="no wheel", log="log")
         cells = [at(python, "3.17.0", f"py{python}", numpy="2.4.6") for python in ("3.11", "3.12", "3.13")]
         records = [
-            ran(cells[0], "pppp"),
-            ran(cells[1], "pppp"),
+            record_of(cells[0], "pppp"),
+            record_of(cells[1], "pppp"),
             replace(record(of=cells[2], python="3.13.1"), install=step),
         ]
-        found = tables.report(made(*records, axes=(*AXES, "numpy")), ("mujoco", "numpy")).sheets[0].pivot
+        found = tables.report(report_of(*records, axes=(*AXES, "numpy")), ("mujoco", "numpy")).sheets[0].pivot
 
         assert found is not None
-        assert [(one.verdict, one.pythons, one.where) for one in only(found)] == [
+        assert [(one.verdict, one.pythons, one.where) for one in single_square(found)] == [
             (Verdict.UNINSTALLABLE, ("3.13",), ()),
             (Verdict.WORKS, ("3.11", "3.12"), ()),
         ]
@@ -159,14 +163,14 @@ class TestWhere:
             "| 3.17.0 | ⊘<br><sub>3.13</sub><br>✔\N{NO-BREAK SPACE}1/1<br><sub>3.11, 3.12</sub> |"
         )
 
-    def test_what_else_differs_is_said(self) -> None:
+    def test_other_differences_are_named(self) -> None:
         """A red cell on another Python with another numpy is not put down to the Python alone."""
         records = [
-            ran(at("3.9", "3.3.7", "a", numpy="1.26.4"), "pppp"),
-            ran(at("3.10", "3.3.7", "b", numpy="2.0.2"), "pfnn"),
+            record_of(at("3.9", "3.3.7", "a", numpy="1.26.4"), "pppp"),
+            record_of(at("3.10", "3.3.7", "b", numpy="2.0.2"), "pfnn"),
         ]
-        records += [ran(at("3.9", "2.3.7", "c", numpy="1.26.4", GL="egl"), "pppp")]
-        found = tables.report(made(*records, axes=(*AXES, "numpy", "GL")), ("mujoco", "GL")).sheets[0].pivot
+        records += [record_of(at("3.9", "2.3.7", "c", numpy="1.26.4", GL="egl"), "pppp")]
+        found = tables.report(report_of(*records, axes=(*AXES, "numpy", "GL")), ("mujoco", "GL")).sheets[0].pivot
 
         assert found is not None
         assert [one.where for one in found.squares[1][0]] == [("numpy 2.0.2",), ("numpy 1.26.4",)]
@@ -175,22 +179,26 @@ class TestWhere:
         """Beside a verdict about the packages it stands last, with its Python."""
         works, lacking = at("3.11", "3.3.7", "a", gl="egl"), at("3.12", "3.3.7", "b", gl="egl")
         absent = CellRecord(cell=lacking, machine="linux-x86_64", unavailable="no torch", measured=GENERATED)
-        found = tables.report(made(ran(works, "pppp"), absent, axes=(*AXES, "gl")), ("mujoco", "gl")).sheets[0].pivot
+        found = (
+            tables.report(report_of(record_of(works, "pppp"), absent, axes=(*AXES, "gl")), ("mujoco", "gl"))
+            .sheets[0]
+            .pivot
+        )
 
         assert found is not None
-        assert [(one.verdict, one.pythons) for one in only(found)] == [
+        assert [(one.verdict, one.pythons) for one in single_square(found)] == [
             (Verdict.WORKS, ("3.11",)),
             (Verdict.UNAVAILABLE, ("3.12",)),
         ]
 
     def test_a_known_silent_defect_that_was_not_excluded(self) -> None:
         """A green cell that nothing checked for it is not plainly green."""
-        whole = made(ran(at("3.11", "3.3.7"), "pppp"))
+        whole = report_of(record_of(at("3.11", "3.3.7"), "pppp"))
         doubted = msgspec.structs.replace(whole.cells[0], unverified=("silent:some-id",))
         found = tables.report(msgspec.structs.replace(whole, cells=(doubted,)), ("mujoco", "python")).sheets[0].pivot
 
         assert found is not None
-        assert report_markdown.mark(found, only(found)[0]) == "✔? 1/1"
+        assert report_markdown.mark(found, single_square(found)[0]) == "✔? 1/1"
         (sheet,) = tables.report(msgspec.structs.replace(whole, cells=(doubted,))).sheets
         assert report_markdown.result(sheet).startswith(
             "0 of 1 combination work. 1 more raise nothing, but a known silent defect was not excluded."
@@ -199,8 +207,8 @@ class TestWhere:
 
 def test_the_axis_of_more_values_goes_down() -> None:
     """A table grows downwards, for a page and a terminal end at the right."""
-    wide = [ran(at("3.11", version), "pppp") for version in ("3.1.0", "3.2.0", "3.3.0")]
-    found = tables.report(made(*wide, ran(at("3.12", "3.3.0"), "pppp"))).sheets[0].pivot
+    wide = [record_of(at("3.11", version), "pppp") for version in ("3.1.0", "3.2.0", "3.3.0")]
+    found = tables.report(report_of(*wide, record_of(at("3.12", "3.3.0"), "pppp"))).sheets[0].pivot
 
     assert found is not None
     assert (found.down, found.across) == ("mujoco", "python")

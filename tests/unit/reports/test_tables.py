@@ -92,7 +92,7 @@ class TestPivot:
         ]
         assert [one.verdict for one in pivot.squares[2][1]] == [Verdict.UNAVAILABLE]
 
-    def test_what_was_not_run_leaves_its_square_empty(self) -> None:
+    def test_a_cell_that_was_not_run_leaves_its_square_empty(self) -> None:
         """A cell without a measurement stands in no square, and takes no verdict from its neighbours."""
         made = quick_document()
         unrun = [cell for cell in made.cells if cell.verdict is Verdict.NOT_RUN]
@@ -173,7 +173,9 @@ class TestDrawing:
             ({"pygame": "2.6.1"}, ["DISPLAY=virtual", "SDL_VIDEODRIVER=dummy"]),
         ],
     )
-    def test_what_is_to_be_set(self, installed: dict[str, str], settings: list[str]) -> None:
+    def test_variables_to_set_are_those_that_packages_read(
+        self, installed: dict[str, str], settings: list[str]
+    ) -> None:
         """Of what the harness supplied a person is told what matters to the packages that are there."""
         supplied = {
             "DISPLAY": "virtual",
@@ -185,7 +187,7 @@ class TestDrawing:
 
         assert told == [("set", setting) for setting in settings]
 
-    def test_what_drew(self) -> None:
+    def test_the_context_that_drew_is_described(self) -> None:
         """The context that drew is told in words, once for cases that had the same."""
         drawn = {"version": "4.5 Mesa", "vendor": "Mesa", "renderer": "llvmpipe", "device": "software", "api": "egl"}
 

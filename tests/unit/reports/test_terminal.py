@@ -295,7 +295,7 @@ def test_green_rows_of_a_long_small_table_are_counted() -> None:
     assert more == "69 more rows in which all works"
 
 
-def test_what_was_patched_is_told_on_a_terminal() -> None:
+def test_patches_are_listed_on_a_terminal() -> None:
     """The verdict says `patched`, and the changes are listed below."""
     lines = screen(200)
 

@@ -67,7 +67,7 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Store:
     return store
 
 
-def shown(capsys: pytest.CaptureFixture[str]) -> str:
+def issue_text(capsys: pytest.CaptureFixture[str]) -> str:
     """Return the output of `show --issue`."""
     assert main(["show", "quick/*", "--issue"]) == 0
     return capsys.readouterr().out
@@ -78,7 +78,7 @@ def shown(capsys: pytest.CaptureFixture[str]) -> str:
 
 def test_the_report_is_whole(state: Store, capsys: pytest.CaptureFixture[str]) -> None:
     """Title, line, traceback from site-packages on, versions, script, commands, the full lock."""
-    text = shown(capsys)
+    text = issue_text(capsys)
 
     assert text.startswith(f"# gymnasium 1.2.3: {LINE}\n")
     assert "make, reset and step of `Ant-v5`: failed (`single.loop`)." in text
@@ -97,7 +97,7 @@ def test_nothing_private_is_in_it(state: Store, capsys: pytest.CaptureFixture[st
     """Neither folders nor people nor the harness's own frames; secrets in variables of the cell neither."""
     state.save_cell(red(cell=cell(environment={"WANDB_API_KEY": "0123", "MUJOCO_GL": "egl"})))
 
-    text = shown(capsys)
+    text = issue_text(capsys)
 
     assert not re.search(r"/home|jane|\$INCELL|\$HOME|contextlib|letmein|0123|robots|of a finding", text)
     assert "| WANDB_API_KEY | &lt;redacted> |" in text
@@ -116,7 +116,7 @@ remedy = { requirements = ["numpy<2"] }
 """
 
 
-def test_a_known_cause_is_told_and_a_remedy_only_if_proven(
+def test_a_known_cause_is_named_and_a_remedy_only_if_proven(
     state: Store, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     """Only a remedy that was measured here is offered as a cure."""
@@ -124,7 +124,7 @@ def test_a_known_cause_is_told_and_a_remedy_only_if_proven(
     (tmp_path / "signatures" / "a.toml").write_text(KNOWN)
     monkeypatch.setenv("HARNESS_SIGNATURES", str(tmp_path / "signatures"))
     assert "## Cause\n\nnumpy 2 took it out.\n\n- <https://github.com/openai/gym/issues/3294>" in (
-        text := shown(capsys)
+        text := issue_text(capsys)
     )
     assert "it works" not in text
 
@@ -147,7 +147,7 @@ def failing(entry: Any, **more: Any) -> upstream.Failing:
     return upstream.Failing(**values)
 
 
-def test_what_does_not_install_is_asked_for(tmp_path: Path) -> None:
+def test_an_install_without_a_lock_names_its_requirements(tmp_path: Path) -> None:
     """Without a lock the requirements stand in the command, as the index stood."""
     asked = replace(cell(), question=Question(requirements=("gym==0.21.0",), constraints=("numpy<2",)))
     made = record(of=asked, installed=None, install=step(Phase.INSTALL, Outcome.FAILED, "error: no way"))
@@ -182,7 +182,7 @@ def test_an_environment_of_its_own_has_no_script() -> None:
         (record(of=cell(), resolve=None, install=None, unavailable="no Python"), Verdict.UNAVAILABLE),
     ],
 )
-def test_what_is_not_red_is_refused(
+def test_a_cell_that_is_not_red_is_refused(
     state: Store, capsys: pytest.CaptureFixture[str], made: CellRecord, verdict: Verdict
 ) -> None:
     """There is nothing to tell an upstream of a green cell, or of what this machine lacks."""
@@ -298,7 +298,7 @@ def test_arguments_and_imports_are_those_of_the_case() -> None:
         Case(id="a", env=None, api="gymnasium"),
     ],
 )
-def test_what_has_no_script(made: Case) -> None:
+def test_cases_without_public_calls_have_no_script(made: Case) -> None:
     """No calls that everybody could make, no script."""
     assert reproducing.script(made, Phase.SINGLE, "single.loop", {}) is None
 

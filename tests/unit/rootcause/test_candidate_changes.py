@@ -19,7 +19,7 @@ WHOLE = Change(
 )
 
 
-def told(*lines: str, phase: Phase = Phase.SINGLE) -> list[Evidence]:
+def evidence_of(*lines: str, phase: Phase = Phase.SINGLE) -> list[Evidence]:
     """Return the evidence of one failure with these lines."""
     return [Evidence(phase=phase, reasons=lines)]
 
@@ -92,16 +92,16 @@ def test_bound_between_two_neighbours(good: str, bad: str, said: str) -> None:
 
 def test_missing_modules_and_who_brings_them() -> None:
     """Only what everybody knows, or what some package declares: no name is guessed."""
-    evidence = told("ModuleNotFoundError: No module named 'pkg_resources'", "No module named 'left_pad.core'")
+    evidence = evidence_of("ModuleNotFoundError: No module named 'pkg_resources'", "No module named 'left_pad.core'")
     assert failure_hints.missing_modules(evidence) == ("pkg_resources", "left_pad")
     assert failure_hints.providers("pkg_resources", ()) == ("setuptools<81",)
     assert failure_hints.providers("left_pad", ()) == ()
     assert failure_hints.providers("left_pad", ("left-pad",)) == ("left-pad",)
 
 
-def test_what_an_error_says_to_install() -> None:
+def test_an_error_that_names_a_package_to_install() -> None:
     """An extra of what is asked for, its version as it is; a package that nobody knows is not taken."""
-    evidence = told(
+    evidence = evidence_of(
         'DependencyNotInstalled: pygame is not installed, run `pip install "gymnasium[classic-control]"`',
         "pip install some-package-of-that-name",
     )
@@ -121,14 +121,16 @@ def test_ways_of_drawing() -> None:
     """Those that the machine has, where the failure speaks of drawing; first what the user set is taken away."""
     here = frozenset({"egl", "osmesa"})
     of = cell_requiring("mujoco", environment={"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": "glx"})
-    found = list(failure_hints.variables(of, Phase.RENDER, told("no OpenGL platform"), here=here))
+    found = list(failure_hints.variables(of, Phase.RENDER, evidence_of("no OpenGL platform"), here=here))
     assert [one.change.environment for one in found] == [
         {"PYOPENGL_PLATFORM": ""},
         {"MUJOCO_GL": "osmesa", "PYOPENGL_PLATFORM": "osmesa"},
     ]
-    assert not list(failure_hints.variables(of, Phase.SINGLE, told("numpy has no attribute"), here=here))
+    assert not list(failure_hints.variables(of, Phase.SINGLE, evidence_of("numpy has no attribute"), here=here))
     shown = list(
-        failure_hints.variables(cell_requiring("mujoco"), Phase.RENDER, told("no display"), here=frozenset({"display"}))
+        failure_hints.variables(
+            cell_requiring("mujoco"), Phase.RENDER, evidence_of("no display"), here=frozenset({"display"})
+        )
     )
     assert [one.change.environment for one in shown] == [
         {"SDL_VIDEODRIVER": "x11"},
@@ -144,7 +146,7 @@ def test_ways_of_drawing_that_nothing_reads() -> None:
 
     def tried(*installed: str) -> list[dict[str, str]]:
         found = failure_hints.variables(
-            cell_requiring("x"), Phase.RENDER, told("blank frame"), here=here, installed=installed
+            cell_requiring("x"), Phase.RENDER, evidence_of("blank frame"), here=here, installed=installed
         )
         return [dict(one.change.environment) for one in found]
 

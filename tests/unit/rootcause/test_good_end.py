@@ -16,13 +16,13 @@ def search(line: str, bad: int) -> tuple[int | None, GoodEndSearch, list[int]]:
 
     def look(place: int) -> Look:
         asked.append(place)
-        return of(line[place])
+        return look_of(line[place])
 
-    searched = GoodEndSearch(len(line), bad, {bad: of(line[bad])}, look)
+    searched = GoodEndSearch(len(line), bad, {bad: look_of(line[bad])}, look)
     return searched.find(()), searched, asked
 
 
-def of(letter: str) -> Look:
+def look_of(letter: str) -> Look:
     """Return the look that a letter stands for."""
     answer = Answer.GOOD if letter == "g" else Answer.UNTESTABLE if letter.isupper() else Answer.BAD
     return Look(answer=answer, failure=letter)

@@ -15,7 +15,7 @@ GOOD, BAD, FLAKY, UNTESTABLE = Answer.GOOD, Answer.BAD, Answer.FLAKY, Answer.UNT
 RULES = Rules()
 
 
-def turning(*places: int) -> Callable[[int], Answer]:
+def alternating(*places: int) -> Callable[[int], Answer]:
     """Return a test that is good up to the first place, then bad up to the second, and so on."""
     return lambda index: BAD if sum(index >= place for place in places) % 2 else GOOD
 
@@ -24,7 +24,7 @@ def turning(*places: int) -> Callable[[int], Answer]:
 def test_every_boundary_is_found(count: int) -> None:
     """Wherever it lies, both its neighbours are told; little more is asked than a binary search does, to be sure."""
     for place in range(1, count):
-        found = boundary(range(count), turning(place), rules=RULES)
+        found = boundary(range(count), alternating(place), rules=RULES)
 
         assert (found.good, found.bad, found.between, found.refused) == (place - 1, place, (), None)
         assert len(found.observations) <= 1.5 * bound(count) + 1
@@ -53,33 +53,37 @@ def test_an_end_that_is_not_what_was_claimed_is_refused(test: Callable[[int], An
     assert len(found.observations) <= 7
 
 
-def test_what_cannot_be_tested_is_stepped_around() -> None:
+def test_untestable_candidates_are_stepped_around() -> None:
     """Scattered candidates that cannot be tested hide no boundary that lies elsewhere."""
     for place in (3, 7, 12, 19):
         hidden = {2, 5, 8, 10, 11, 15} - {place, place - 1}
-        found = boundary(range(24), lambda index, p=place, h=hidden: UNTESTABLE if index in h else turning(p)(index))
+        found = boundary(
+            range(24), lambda index, p=place, h=hidden: UNTESTABLE if index in h else alternating(p)(index)
+        )
 
         assert (found.good, found.bad, found.between) == (place - 1, place, ())
 
 
-def test_a_boundary_among_what_cannot_be_tested_is_told_as_a_range() -> None:
+def test_a_boundary_among_untestable_candidates_is_reported_as_a_range() -> None:
     """The neighbours are those that could be tested, and what lies between them is named."""
-    found = boundary(range(24), lambda index: UNTESTABLE if 9 <= index <= 12 else turning(11)(index))
+    found = boundary(range(24), lambda index: UNTESTABLE if 9 <= index <= 12 else alternating(11)(index))
 
     assert (found.good, found.bad, found.between) == (8, 13, (9, 10, 11, 12))
 
 
 def test_a_long_block_that_cannot_be_tested_is_not_tried_whole() -> None:
     """Its ends are found, not each of its candidates."""
-    found = boundary(range(200), lambda index: UNTESTABLE if 20 <= index < 180 else turning(100)(index), rules=RULES)
+    found = boundary(
+        range(200), lambda index: UNTESTABLE if 20 <= index < 180 else alternating(100)(index), rules=RULES
+    )
 
     assert (found.good, found.bad) == (19, 180)
     assert len(found.observations) < 40
 
 
-def test_several_boundaries_are_noticed_and_told_as_a_chain() -> None:
+def test_several_boundaries_are_reported_as_a_chain() -> None:
     """Answers that contradict a single boundary are asked again; where they stand, each boundary is found."""
-    found = boundary(range(40), turning(10, 20, 30), rules=RULES, prior_answers={15: [BAD], 25: [GOOD]})
+    found = boundary(range(40), alternating(10, 20, 30), rules=RULES, prior_answers={15: [BAD], 25: [GOOD]})
 
     assert [(turn.before, turn.after, turn.was, turn.becomes) for turn in found.chain] == [
         (9, 10, GOOD, BAD),
@@ -95,19 +99,19 @@ def test_several_boundaries_are_noticed_and_told_as_a_chain() -> None:
 def test_one_wrong_answer_is_no_chain() -> None:
     """An answer that is not repeated when it is asked again is taken to be flaky."""
     wrong = {20: [GOOD]}
-    found = boundary(range(40), turning(12), rules=RULES, prior_answers=wrong)
+    found = boundary(range(40), alternating(12), rules=RULES, prior_answers=wrong)
 
     assert (found.good, found.bad, len(found.chain)) == (11, 12, 1)
 
 
-def test_other_failures_in_between_are_told_with_their_ends() -> None:
+def test_other_failures_in_between_are_reported_with_their_ends() -> None:
     """Other failures are stepped around, and the chain says where they begin and end."""
     search = Search(range(60), RULES)
     asked = 0
     while (index := search.next()) is not None:
         asked += 1
         other = 9 <= index < 45
-        search.note(index, UNTESTABLE if other else turning(30)(index), "import: no module" if other else None)
+        search.note(index, UNTESTABLE if other else alternating(30)(index), "import: no module" if other else None)
     found = search.result()
 
     assert (found.good, found.bad) == (8, 45)
@@ -121,13 +125,13 @@ def test_other_failures_in_between_are_told_with_their_ends() -> None:
 def test_answers_at_hand_are_not_asked_again() -> None:
     """A search whose answers are all known asks nothing."""
     known = {0: [GOOD], 31: [BAD], 14: [GOOD], 15: [GOOD] * 3, 16: [BAD] * 4}
-    found = boundary(range(32), turning(16), rules=RULES, prior_answers=known)
+    found = boundary(range(32), alternating(16), rules=RULES, prior_answers=known)
 
     assert (found.good, found.bad) == (15, 16)
     assert all(one.free for one in found.observations)
 
 
-def test_what_costs_little_is_preferred() -> None:
+def test_the_cheaper_candidate_is_preferred() -> None:
     """Of two candidates that tell about the same the cheaper one is asked."""
     dear = Search(range(33), RULES)
     cheap = Search(range(33), RULES, [0.0 if index == 14 else 1.0 for index in range(33)])
@@ -139,10 +143,10 @@ def test_what_costs_little_is_preferred() -> None:
     assert cheap.next() == 14
 
 
-def test_the_steps_left_are_told_and_come_true() -> None:
+def test_the_estimate_of_steps_left_comes_true() -> None:
     """The estimate falls to one, and is about what is really asked."""
     told: list[Progress[int]] = []
-    found = boundary(range(64), turning(20), rules=RULES, watch=told.append)
+    found = boundary(range(64), alternating(20), rules=RULES, watch=told.append)
 
     assert abs(told[0].left - len(found.observations)) <= 3
     assert told[-1].left <= 2
@@ -158,7 +162,7 @@ def test_a_flaky_end_is_asked_until_it_stands() -> None:
 
     def test(index: int) -> Answer:
         asked.append(index)
-        return next(answers) if index == 12 else turning(12)(index)
+        return next(answers) if index == 12 else alternating(12)(index)
 
     found = boundary(range(16), test, rules=RULES)
 
@@ -169,7 +173,9 @@ def test_a_flaky_end_is_asked_until_it_stands() -> None:
 
 def test_a_doubt_costs_answers() -> None:
     """More confidence takes more answers, never fewer."""
-    asked = [len(boundary(range(32), turning(9), rules=Rules(confidence=p)).observations) for p in (0.9, 0.99, 0.9999)]
+    asked = [
+        len(boundary(range(32), alternating(9), rules=Rules(confidence=p)).observations) for p in (0.9, 0.99, 0.9999)
+    ]
 
     assert asked == sorted(asked)
     assert asked[0] < asked[-1]
@@ -188,7 +194,7 @@ def test_the_changes_that_cure_are_found(culprits: set[int]) -> None:
     assert len(found.observations) <= 2 * bound(17) * len(culprits)
 
 
-def test_nothing_is_told_where_all_changes_do_not_cure() -> None:
+def test_no_part_is_reported_if_all_changes_do_not_cure() -> None:
     """A whole that does not cure has no part that does."""
     found = minimise(range(8), lambda _: BAD, rules=RULES)
 
@@ -254,12 +260,12 @@ def searched(one: World, confidence: float) -> Boundary[int]:
     return boundary(range(one.releases), lambda index: one.look(rng, index), rules=rules)
 
 
-def ran(found: Boundary[int]) -> int:
+def count_runs(found: Boundary[int]) -> int:
     """Return how many runs it took; what cannot be installed is not run."""
     return sum(each.answer is not UNTESTABLE for each in found.observations)
 
 
-def right(one: World, found: Boundary[int]) -> bool:
+def is_boundary(one: World, found: Boundary[int]) -> bool:
     """Return whether the boundary lies between the neighbours, and nothing between them could have told more."""
     told = found.good is not None and found.bad is not None and found.good < one.broken <= found.bad
     return told and set(found.between) <= one.missing
@@ -270,8 +276,8 @@ def test_single_culprits_of_100_worlds() -> None:
     worlds = [world(seed, flaky=0.0) for seed in range(100)]
     results = [(one, searched(one, 0.99)) for one in worlds]
 
-    assert [one for one, found in results if not right(one, found)] == []
-    assert all(ran(found) <= 1.5 * found.bound + 1 for _, found in results)
+    assert [one for one, found in results if not is_boundary(one, found)] == []
+    assert all(count_runs(found) <= 1.5 * found.bound + 1 for _, found in results)
     assert sum(len(found.observations) for _, found in results) <= 1.5 * sum(found.bound for _, found in results)
 
 
@@ -280,8 +286,8 @@ def test_single_culprits_of_100_flaky_worlds() -> None:
     worlds = [world(seed, flaky=0.1) for seed in range(100)]
     surely = [(one, searched(one, 0.999)) for one in worlds]
 
-    assert [one for one, found in surely if not right(one, found)] == []
-    assert sum(map(ran, (found for _, found in surely))) <= 2.1 * sum(found.bound for _, found in surely)
+    assert [one for one, found in surely if not is_boundary(one, found)] == []
+    assert sum(map(count_runs, (found for _, found in surely))) <= 2.1 * sum(found.bound for _, found in surely)
     environments = [len({one.candidate for one in found.observations}) for _, found in surely]
     assert sum(environments) <= 1.25 * sum(found.bound for _, found in surely)
 
@@ -291,7 +297,7 @@ def test_the_confidence_holds_where_good_releases_fail_now_and_then() -> None:
     worlds = [world(seed, moody=0.1) for seed in range(200)]
     results = [(one, searched(one, 0.999)) for one in worlds]
 
-    assert sum(not right(one, found) for one, found in results) <= 2
+    assert sum(not is_boundary(one, found) for one, found in results) <= 2
 
 
 def test_pairs_of_100_worlds() -> None:

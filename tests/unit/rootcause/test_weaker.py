@@ -76,7 +76,7 @@ def test_passing_up_to_a_phase() -> None:
 # --- what misleads ----------------------------------------------------------------------------------------------
 
 
-def seen_by(camera: Outcome) -> Trial:
+def camera_cell(camera: Outcome) -> Trial:
     """Return a cell that drew a picture, with this outcome of its camera check."""
     return trial(case("pppp", render=render_phase(camera)))
 
@@ -87,21 +87,22 @@ def doubtful() -> Trial:
     return Trial(assessed=assess(record(case("pppp")), make_knowledge(lurks)), failure=None, seconds=1.0, at_hand=False)
 
 
-def test_what_misleads_is_no_cure_and_has_to_be_shown_right() -> None:
+def test_a_misleading_cell_is_no_cure() -> None:
     """A search takes it for red; what cures it passes the same check, in which a skip is no answer."""
-    before = seen_by(Outcome.FAILED)
+    before = camera_cell(Outcome.FAILED)
 
     assert before.assessed.verdict is Verdict.MISLEADS
     assert not before.works
     assert has_package_failure(before)
-    assert find_lost_check(before, seen_by(Outcome.PASSED)) is None
+    assert find_lost_check(before, camera_cell(Outcome.PASSED)) is None
     assert (
-        find_lost_check(before, seen_by(Outcome.SKIPPED)) == "render.camera of ant was failed before and is skipped now"
+        find_lost_check(before, camera_cell(Outcome.SKIPPED))
+        == "render.camera of ant was failed before and is skipped now"
     )
-    assert find_lost_check(seen_by(Outcome.PASSED), seen_by(Outcome.SKIPPED)) is None
+    assert find_lost_check(camera_cell(Outcome.PASSED), camera_cell(Outcome.SKIPPED)) is None
 
 
-def test_what_is_only_not_refuted_is_no_cure() -> None:
+def test_an_unrefuted_change_is_no_cure() -> None:
     """It works, and is never handed out; nor is it a bad end."""
     assert doubtful().assessed.verdict is Verdict.WORKS
     assert not doubtful().works
@@ -111,9 +112,11 @@ def test_what_is_only_not_refuted_is_no_cure() -> None:
 
 def test_a_bisection_asks_for_the_same_misleading() -> None:
     """A candidate that misleads alike is bad, one that passes the check is good, and one not refuted is unknown."""
-    asked = Predicate(failure=seen_by(Outcome.FAILED).failure)
+    asked = Predicate(failure=camera_cell(Outcome.FAILED).failure)
 
-    assert asked.classify(seen_by(Outcome.FAILED)).answer is Answer.BAD
-    assert asked.classify(seen_by(Outcome.PASSED)).answer is Answer.GOOD
+    assert asked.classify(camera_cell(Outcome.FAILED)).answer is Answer.BAD
+    assert asked.classify(camera_cell(Outcome.PASSED)).answer is Answer.GOOD
     assert asked.classify(doubtful()).answer is Answer.UNTESTABLE
-    assert Predicate(failure=trial(case("pppf")).failure).classify(seen_by(Outcome.FAILED)).answer is Answer.UNTESTABLE
+    assert (
+        Predicate(failure=trial(case("pppf")).failure).classify(camera_cell(Outcome.FAILED)).answer is Answer.UNTESTABLE
+    )

@@ -42,14 +42,14 @@ def environment(places: Places, key: str, days: float, *, whole: bool = True) ->
     return folder
 
 
-def found(places: Places) -> dict[str, Item]:
+def removable(places: Places) -> dict[str, Item]:
     """Return the removable items, by the name of their first folder or file."""
     return {item.paths[0].name: item for item in cleanup.find(places, NOW)}
 
 
 def waste(places: Places) -> set[str]:
     """Return the names of items that are waste."""
-    return {name for name, item in found(places).items() if item.waste}
+    return {name for name, item in removable(places).items() if item.waste}
 
 
 class TestCache:
@@ -60,13 +60,13 @@ class TestCache:
         put(places.cache / "pycache/used/a.pyc", days=50)
         put(places.cache / "pycache/removed/a.pyc")
 
-        known = found(places)
+        known = removable(places)
 
         assert known["used"].paths == (places.cache / "environments/used", places.cache / "pycache/used")
         assert known["used"].used == NOW - 3 * DAY
         assert waste(places) == {"unfinished", "removed"}
 
-    def test_what_else_is_cached(self, places: Places) -> None:
+    def test_other_caches_go_by_age(self, places: Places) -> None:
         """Wheels, metadata, clones, copies and downloads go by age; interpreters, and what requests led to, never."""
         put(places.cache / "wheels/key/a.whl")
         put(places.cache / "wheels/requests/asked.txt", "key")
@@ -79,7 +79,7 @@ class TestCache:
         put(places.cache / "pythons/cpython-3.8/bin/python3.8")
         put(places.cache / "machine.json")
 
-        assert {name: item.kind for name, item in found(places).items()} == {
+        assert {name: item.kind for name, item in removable(places).items()} == {
             "key": Kind.WHEEL,
             "asked": Kind.METADATA,
             "mirror": Kind.REPOSITORY,
@@ -130,13 +130,13 @@ class TestState:
         put(state / "evidence/build-gone/hook.log")
         return state
 
-    def test_what_no_record_names_is_waste(self, places: Places, state: Path) -> None:
+    def test_logs_without_a_record_are_waste(self, places: Places, state: Path) -> None:
         """Logs of cells, locks, installs and builds that are known stay; results that nobody reads any more do not."""
         assert waste(places) == {"probe-3", f"lock-{'f' * 16}", "build-gone", f"{'f' * 16}.txt", "results"}
 
     def test_records_that_no_cell_leads_to_go_by_age(self, places: Places, state: Path) -> None:
         """A lock that some cell shows never goes."""
-        records = {name for name, item in found(places).items() if item.kind is Kind.RECORD and not item.waste}
+        records = {name for name, item in removable(places).items() if item.kind is Kind.RECORD and not item.waste}
 
         assert records == {f"{'d' * 30}.json"}
 
@@ -170,7 +170,7 @@ class TestState:
         for path in state.rglob("*"):
             os.utime(path, (NOW - 0.9 * DAY, NOW - 0.9 * DAY))
 
-        assert found(places) == {}
+        assert removable(places) == {}
 
     def test_no_state(self, tmp_path: Path, places: Places) -> None:
         """A missing state folder is no error, and is not created."""

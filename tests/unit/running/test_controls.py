@@ -36,7 +36,7 @@ REACHABLE = ("fnnn", "pfnn", "pppp", "ppfp", "pppf", "ppff", "ppfu", "pppi", "pp
 CONTROLS = ("pppp", "fnnn", "pfnn", "ppfp", "pppf", "ppff", "pppu")
 
 
-def known(letters: str) -> ControlRecord:
+def control_record(letters: str) -> ControlRecord:
     """Return the record of a control whose checks ended as these letters say."""
     ended = dict(zip(CHECKS.values(), letters, strict=True))
     return ControlRecord(
@@ -46,12 +46,12 @@ def known(letters: str) -> ControlRecord:
     )
 
 
-def beside(control: ControlRecord, *cases: CaseRecord, api: str = "gymnasium") -> CellRecord:
+def with_control(control: ControlRecord, *cases: CaseRecord, api: str = "gymnasium") -> CellRecord:
     """Return a cell with these cases, beside the control of an adapter."""
     return replace(record(*cases), controls={api: control})
 
 
-def doubted(at: Phase, control: str) -> bool:
+def is_doubted(at: Phase, control: str) -> bool:
     """Return whether a failure of this phase is not to be believed, by the letters of the control."""
     needed: Phase | None = at
     ended = dict(zip(CHECKS, control, strict=True))
@@ -62,7 +62,7 @@ def doubted(at: Phase, control: str) -> bool:
     return False
 
 
-def means(found: Assessed) -> tuple[Any, ...]:
+def assessment(found: Assessed) -> tuple[Any, ...]:
     """Return verdict, phases, phase, decisive line and unverified phases of an assessed cell."""
     return found.verdict, found.phases, found.phase, found.decisive, found.unverified
 
@@ -73,52 +73,52 @@ class TestJudging:
     @pytest.mark.parametrize(("tried", "control"), list(itertools.product(REACHABLE, CONTROLS)))
     def test_every_failure_beside_every_control(self, tried: str, control: str) -> None:
         """A failed phase is `infra` exactly where the control failed in it or in one that it needs; no other moves."""
-        plain, told = assess(record(case(tried))), assess(beside(known(control), case(tried)))
+        plain, told = assess(record(case(tried))), assess(with_control(control_record(control), case(tried)))
         for at, letter in zip(CHECKS, tried, strict=True):
-            expected = Outcome.INFRA if letter == "f" and doubted(at, control) else LETTERS[letter]
+            expected = Outcome.INFRA if letter == "f" and is_doubted(at, control) else LETTERS[letter]
             assert told.phases[at] is expected
         if "f" not in tried or "f" not in control:
-            assert means(told) == means(plain)
+            assert assessment(told) == assessment(plain)
         if told.verdict in {Verdict.WORKS, Verdict.UNAVAILABLE, Verdict.NOT_RUN}:
-            assert means(told) == means(plain)
+            assert assessment(told) == assessment(plain)
         if told.verdict not in {plain.verdict, Verdict.INCONCLUSIVE}:
             assert (plain.verdict, told.verdict) == (Verdict.BROKEN, Verdict.PARTIAL)
 
     def test_all_failures_doubted_is_inconclusive(self) -> None:
         """The line of the control decides, then comes the cell's own."""
-        told = assess(beside(known("pfnn"), case("pfnn")))
+        told = assess(with_control(control_record("pfnn"), case("pfnn")))
         line = "control good fails, too, in single.loop: line of single.loop (here: ant single)"
         assert (told.verdict, told.phase, told.decisive) == (Verdict.INCONCLUSIVE, Phase.SINGLE, line)
 
     def test_one_failure_believed_is_enough(self) -> None:
         """A cell whose vector fails by itself is partial, whatever the control's pictures are like."""
-        told = assess(beside(known("pppf"), case("ppff")))
+        told = assess(with_control(control_record("pppf"), case("ppff")))
         assert (told.verdict, told.phase, told.decisive) == (Verdict.PARTIAL, Phase.VECTOR, "ant vector")
 
     def test_an_adapter_answers_for_its_own_cases(self) -> None:
         """Another adapter's control, failed in everything, changes nothing."""
         plain = assess(record(case("fnnn")))
-        assert means(assess(beside(known("fnnn"), case("fnnn"), api="gym"))) == means(plain)
+        assert assessment(assess(with_control(control_record("fnnn"), case("fnnn"), api="gym"))) == assessment(plain)
 
     @pytest.mark.parametrize("at", [Phase.RESOLVE, Phase.INSTALL])
     def test_steps_are_no_adapters(self, at: Phase) -> None:
         """A failed resolve or install is the packages' fault, whatever the control says."""
         failed = step(at, Outcome.FAILED, "no such release")
         steps = {"resolve": failed, "install": None} if at is Phase.RESOLVE else {"install": failed}
-        red = replace(record(**steps), controls={"gymnasium": known("fnnn")})
+        red = replace(record(**steps), controls={"gymnasium": control_record("fnnn")})
         assert assess(red).decisive == "no such release"
 
-    def test_what_is_not_known_of_a_control_changes_nothing(self) -> None:
+    def test_a_control_that_could_not_run_changes_nothing(self) -> None:
         """One that could not be run has neither passed nor failed."""
         untold = ControlRecord(control="control good", untold="no Python 3.11 here")
-        assert means(assess(beside(untold, case("pfnn")))) == means(assess(record(case("pfnn"))))
+        assert assessment(assess(with_control(untold, case("pfnn")))) == assessment(assess(record(case("pfnn"))))
 
     def test_a_finding_that_is_required_not_to_be_there(self) -> None:
         """It is doubted where the control fails in its phase."""
         single = phase(Phase.SINGLE, Outcome.PASSED, findings=(warning("single.space", "outside"),))
         red = case("pppp", required=("single.space",), single=single)
-        assert assess(beside(known("pppp"), red)).verdict is Verdict.PARTIAL
-        told = assess(beside(known("pfnn"), red))
+        assert assess(with_control(control_record("pppp"), red)).verdict is Verdict.PARTIAL
+        told = assess(with_control(control_record("pfnn"), red))
         assert (told.verdict, told.phase) == (Verdict.INCONCLUSIVE, Phase.SINGLE)
 
 
@@ -153,7 +153,7 @@ class TestChecks:
     )
     def test_to_the_check(self, phase: PhaseRecord, outcome: Outcome, line: str) -> None:
         """A check that passed there is believed; one that failed there, or was not tried beside a failure, is not."""
-        told = assess(beside(self.FORK, case("pppp", vector=phase))).cases[0].phases[2]
+        told = assess(with_control(self.FORK, case("pppp", vector=phase))).cases[0].phases[2]
         assert (told.outcome, told.decisive) == (outcome, line)
 
 
@@ -162,11 +162,11 @@ class TestSaid:
 
     def test_works(self) -> None:
         """Its checks passed, where its lock is the known-good one."""
-        assert self.said("pppp").passed == tuple(CHECKS.values())
+        assert self.judge("pppp").passed == tuple(CHECKS.values())
 
     def test_fails(self) -> None:
         """Each check that failed has its line."""
-        told = self.said("pppf")
+        told = self.judge("pppf")
         assert (told.failed, told.untold) == ({"render.rgb_array": "ant render"}, None)
 
     @pytest.mark.parametrize(
@@ -179,7 +179,7 @@ class TestSaid:
     )
     def test_untold(self, letters: str, why: str) -> None:
         """Trouble of the machine with the control itself says nothing of the adapter."""
-        told = self.said(letters)
+        told = self.judge(letters)
         assert (told.passed, told.failed, told.untold) == ((), {}, f"the control known could not be run: {why}")
 
     def test_unresolvable(self) -> None:
@@ -190,7 +190,7 @@ class TestSaid:
     def cell(self):
         return cell("known", id="controls/known", matrix="controls")
 
-    def said(self, letters: str) -> ControlRecord:
+    def judge(self, letters: str) -> ControlRecord:
         return controls.judge(record(case(letters), of=self.cell()), "")
 
 
@@ -271,7 +271,7 @@ class TestFolder:
             controls.read(other)
         assert str(told.value) == f'{other}/controls.toml: control[0].raeson: unknown key; did you mean "reason"?'
 
-    def test_a_missing_folder_is_said(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_a_missing_folder_is_bad_input(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """A missing folder is bad input; the message names the variable that set it."""
         monkeypatch.setenv(controls.VARIABLE, str(tmp_path / "no"))
         with pytest.raises(BadInput) as told:

@@ -90,7 +90,7 @@ def test_a_changed_folder(wheels: Path, tmp_path: Path, change: str) -> None:
         ("file:///elsewhere/demo.whl", "WHEELS"),
     ],
 )
-def test_what_cannot_be_watched(wheels: Path, source: str, link: str) -> None:
+def test_locks_from_places_without_dates_are_resolved_again(wheels: Path, source: str, link: str) -> None:
     """Locks from an index without upload times, a page of links or another folder are resolved again."""
     source = (wheels / NAME).as_uri() if source == "WHEELS" else source
     place = wheels if link == "WHEELS" else link

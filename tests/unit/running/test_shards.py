@@ -102,7 +102,7 @@ def test_the_split_depends_on_values_only() -> None:
         ("1/0", "'1/0': there is no shard 1 of 0; they are counted from 1"),
     ],
 )
-def test_what_is_no_shard(text: str, message: str) -> None:
+def test_a_wrong_shard_is_refused(text: str, message: str) -> None:
     """A message says what was wrong and how it is written."""
     with pytest.raises(ValueError) as error:  # noqa: PT011 - the whole message is compared
         shards.Shard.parse(text)

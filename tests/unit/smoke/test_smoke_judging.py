@@ -50,7 +50,7 @@ def record(cell: Cell = CELL, decisive: str | None = "boom", **outcomes: str) ->
     return builders.record(builders.case("pppp", CASE.id, **phases), of=cell, machine="here")
 
 
-def told(record: CellRecord, phase: str, shown: frozenset[Phase] = EVERYTHING) -> tuple[Kind, str]:
+def item_result(record: CellRecord, phase: str, shown: frozenset[Phase] = EVERYTHING) -> tuple[Kind, str]:
     """Return the kind and the text with which the item of a phase ends."""
     ended = judging.judge_phase(record.cell, Phase(phase), judging.collect_phases(record), shown, TODAY)
     return ended.kind, ended.text
@@ -74,10 +74,10 @@ def told(record: CellRecord, phase: str, shown: frozenset[Phase] = EVERYTHING) -
 )
 def test_every_outcome_has_its_word(outcome: str, expected: tuple[Kind, str]) -> None:
     """A failure begins with its line, an inconclusive result with `inconclusive`, and a skip with its kind."""
-    assert told(record(single=outcome), "single") == expected
+    assert item_result(record(single=outcome), "single") == expected
 
 
-def test_what_a_failure_hides_behind_is_told() -> None:
+def test_the_mask_of_a_failure_is_named() -> None:
     """Each check that did not pass is named, with its own line where that is another, and with what hides it."""
     checks = (
         CheckRecord(check="vector.sync", outcome=Outcome.PASSED),
@@ -88,7 +88,7 @@ def test_what_a_failure_hides_behind_is_told() -> None:
     phase = PhaseRecord(phase=Phase.VECTOR, outcome=Outcome.FAILED, decisive="BrokenPipe", checks=checks)
     found = replace(record(cell), cases=(replace(record().cases[0], phases=(phase,)),))
 
-    assert told(found, "vector")[1].splitlines() == [
+    assert item_result(found, "vector")[1].splitlines() == [
         "BrokenPipe",
         "vector.async.fork failed",
         "vector.async.fork is hidden by: EOFError",
@@ -108,9 +108,9 @@ STOPPED = {"single": "failed", "vector": "not_reached", "render": "not_reached"}
         (expecting("broken", "render"), frozenset(), (Kind.FAILED, "not reached, single failed: boom\nsingle.loop failed")),  # noqa: E501
     ],
 )  # fmt: skip
-def test_what_is_in_the_way_is_told_once(cell: Cell, shown: frozenset[Phase], expected: tuple[Kind, str]) -> None:
+def test_an_obstacle_is_reported_once(cell: Cell, shown: frozenset[Phase], expected: tuple[Kind, str]) -> None:
     """The item of the failed phase reports it or, if that item is not in the session, the item that needs the phase."""
-    assert told(record(cell, **STOPPED), "render", shown) == expected
+    assert item_result(record(cell, **STOPPED), "render", shown) == expected
 
 
 @pytest.mark.parametrize("phase", ["install", "import", "render"])
@@ -131,7 +131,7 @@ def test_nothing_is_reached_without_a_lock(
     step = Step(phase=Phase.RESOLVE, outcome=Outcome(outcome), decisive="no solution")
     found = record(import_="not_reached", single="not_reached", vector="not_reached", render="not_reached")
 
-    assert told(replace(found, resolve=step, install=None), phase, shown) == expected
+    assert item_result(replace(found, resolve=step, install=None), phase, shown) == expected
 
 
 def test_a_cell_without_an_interpreter_is_skipped_everywhere() -> None:
@@ -140,7 +140,7 @@ def test_a_cell_without_an_interpreter_is_skipped_everywhere() -> None:
     found = replace(found, resolve=None, install=None, unavailable="no Python 3.99")
 
     for phase in ("resolve", "install", "import", "render"):
-        assert told(found, phase) == (Kind.SKIPPED, "unavailable: no Python 3.99")
+        assert item_result(found, phase) == (Kind.SKIPPED, "unavailable: no Python 3.99")
 
 
 # --- expectations ----------------------------------------------------------------------------------------------
@@ -167,7 +167,9 @@ def test_a_cell_without_an_interpreter_is_skipped_everywhere() -> None:
         (expecting("partial", until="2026-11-20T23:59:59Z"), "render", "boom", False),
     ],
 )
-def test_which_failures_are_foreseen(cell: Cell, phase: str, line: str | None, expected: bool) -> None:
+def test_expected_failures_in_later_phases_are_foreseen(
+    cell: Cell, phase: str, line: str | None, expected: bool
+) -> None:
     """Those of the phase and line expected, and the same again in a later phase, as long as that is expected."""
     assert (
         judging.is_expected(
@@ -242,7 +244,7 @@ def test_the_verdict_of_a_cell_that_fails_in_a_known_way() -> None:
     )
 
 
-def test_what_is_needed_comes_nearest_first() -> None:
+def test_needed_phases_come_nearest_first() -> None:
     """Rendering needs a loop, a loop needs an import."""
     assert judging.needs(Phase.RENDER) == (Phase.SINGLE, Phase.IMPORT)
 
@@ -299,11 +301,11 @@ def test_a_case_that_misleads_has_not_passed() -> None:
     """Its item fails by the line of the check, though the phase passed; where expected, it is an xfail."""
     expected = misleading(expecting("misleads", "render", "elsewhere"))
 
-    assert told(misleading(), "render") == (
+    assert item_result(misleading(), "render") == (
         Kind.FAILED,
         "misleads: looks elsewhere\nrender.camera failed",
     )
-    assert told(misleading(), "single")[0] is Kind.PASSED
+    assert item_result(misleading(), "single")[0] is Kind.PASSED
     assert judging.judge_cell(assess(misleading())).kind is Kind.FAILED
-    assert told(expected, "render")[0] is Kind.XFAILED
+    assert item_result(expected, "render")[0] is Kind.XFAILED
     assert judging.judge_cell(assess(expected)).kind is Kind.XFAILED

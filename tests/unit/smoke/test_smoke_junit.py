@@ -19,7 +19,7 @@ failures="1" skipped="1" tests="5" time="9.000" timestamp="2026-11-21T00:00:00+0
 <testcase classname="test_mine" name="test_more" time="2.000" /></testsuite></testsuites>"""
 
 
-def regrouped(tmp_path: Path, text: str, *cells: str) -> ET.Element:
+def regroup(tmp_path: Path, text: str, *cells: str) -> ET.Element:
     """Return the root of the file after it was regrouped by cell."""
     path = tmp_path / "j.xml"
     path.write_text(text)
@@ -29,7 +29,7 @@ def regrouped(tmp_path: Path, text: str, *cells: str) -> ET.Element:
 
 def test_each_cell_has_a_suite_with_its_own_counts(tmp_path: Path) -> None:
     """Suites follow the plan; a cell without items has none, and items of no cell stay in pytest's suite."""
-    root = regrouped(tmp_path, WRITTEN, "m/a", "m/b", "m/c")
+    root = regroup(tmp_path, WRITTEN, "m/a", "m/b", "m/c")
 
     told = [
         tuple(suite.get(key) for key in ("name", "tests", "failures", "errors", "skipped", "time")) for suite in root
@@ -44,7 +44,7 @@ def test_each_cell_has_a_suite_with_its_own_counts(tmp_path: Path) -> None:
 
 def test_properties_stand_in_suites(tmp_path: Path) -> None:
     """Those of a test case are a user's own; ours served to find its cell."""
-    root = regrouped(tmp_path, WRITTEN, "m/a", "m/b")
+    root = regroup(tmp_path, WRITTEN, "m/a", "m/b")
 
     assert [dict(one.attrib) for one in root.findall("testsuite/properties/property")] == [
         {"name": "axis.python", "value": "3.11"}
@@ -54,16 +54,16 @@ def test_properties_stand_in_suites(tmp_path: Path) -> None:
 
 def test_a_suite_that_lost_all_its_cases_goes(tmp_path: Path) -> None:
     """If only cells were run, pytest's own suite is left out."""
-    root = regrouped(tmp_path, WRITTEN.replace('classname="test_mine"', 'classname="m.a"'), "m/a", "m/b")
+    root = regroup(tmp_path, WRITTEN.replace('classname="test_mine"', 'classname="m.a"'), "m/a", "m/b")
     assert [suite.get("name") for suite in root][-1] == "pytest"
 
     start = WRITTEN.index('<testcase classname="test_mine"')
-    root = regrouped(tmp_path, WRITTEN[:start] + "</testsuite></testsuites>", "m/a", "m/b")
+    root = regroup(tmp_path, WRITTEN[:start] + "</testsuite></testsuites>", "m/a", "m/b")
     assert [suite.get("name") for suite in root] == ["m/a", "m/b"]
 
 
 def test_the_text_of_a_skip_is_its_reason(tmp_path: Path) -> None:
     """An item lies in no file, so that no line of one is named."""
-    (skipped,) = regrouped(tmp_path, WRITTEN, "m/a").iter("skipped")
+    (skipped,) = regroup(tmp_path, WRITTEN, "m/a").iter("skipped")
 
     assert (skipped.get("message"), skipped.text) == ("why", None)

@@ -45,7 +45,7 @@ LOGGED = MASK._replace(name="logged", says=False)
         pytest.param([LOGGED, MASK], ("mask",), ("mask",), id="one of two masks is what it says"),
     ],
 )
-def test_what_counts(fits: list[Fit], counted: tuple[str, ...], named: tuple[str, ...]) -> None:
+def test_failures_that_count(fits: list[Fit], counted: tuple[str, ...], named: tuple[str, ...]) -> None:
     """Causes before masks, of a line the specific one; an expectation may name the general one of that line, too."""
     results = (select(fits, lambda fit: fit.says) for select in (select_counting, nameable))
     assert [tuple(one.name for one in found) for found in results] == [counted, named]

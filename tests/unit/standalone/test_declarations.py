@@ -51,7 +51,7 @@ def test_declarations_stand_at_the_top() -> None:
         ("NATIVE_ERRORS = (PATTERN,)", "NATIVE_ERRORS is not written out as a tuple"),
     ],
 )
-def test_what_is_no_literal_of_its_type_is_refused(source: str, message: str) -> None:
+def test_a_declaration_of_another_type_is_refused(source: str, message: str) -> None:
     """A declaration that would be passed over, or read letter by letter, is an error that names it."""
     with pytest.raises(ValueError, match=f"^{message}$"):
         adapters.declarations(source)
@@ -110,14 +110,14 @@ def test_native_errors_are_declared_lines() -> None:
         ([], "mujoco/bindings.py", Outcome.FAILED),
     ],
 )
-def test_what_draws_is_declared(loaded: list[str], file: str, outcome: Outcome) -> None:
+def test_drawing_modules_are_declared(loaded: list[str], file: str, outcome: Outcome) -> None:
     """A picture that fails where nothing can be drawn is this machine's lack if something loaded, or called, draws."""
     error = Raised(type="RuntimeError", message="no", traceback=f'  File "$ENV/site-packages/{file}"', blame="library")
     reply = CheckReply(check="render.rgb_array", outcome=Outcome.FAILED, raised=error, facts={"loaded": loaded})
     assert check_record(reply, Ending(), {"": "no EGL here: install it"}).outcome is outcome
 
 
-def test_declarations_measure_nothing_anew(tmp_path) -> None:
+def test_a_changed_declaration_measures_nothing_again(tmp_path) -> None:
     """They say how replies are judged, and are in no digest; the adapter's code is."""
     path = tmp_path / "api_mujoco.py"
     before = (INCELL / path.name).read_text()

@@ -136,7 +136,7 @@ def test_gym_beside_gymnasium(more: tuple[dict[str, Any], ...], level: str, word
     assert (found.level, word in found.text) == (level, True)
 
 
-def test_what_pip_put_over_conda() -> None:
+def test_packages_that_pip_put_over_conda() -> None:
     """The version of conda and that which is really there; what is as conda left it is not told."""
     records = [
         {"name": "numpy", "version": "1.26.4", "build": "b_0", "metadata": ["numpy-1.26.4.dist-info"], "trouble": None},
@@ -227,7 +227,7 @@ def test_differences_in_sentences() -> None:
 # --- known failures --------------------------------------------------------------------------------------------
 
 
-def bool8(name: str, **more: Any) -> Signature:
+def bool8_signature(name: str, **more: Any) -> Signature:
     """Return the known failure of gym below 1 with numpy 2 or later."""
     usual = {"cause": "so it is", "packages": ["gym<1", "numpy>=2"], "remedy": {"requirements": ["numpy<2"]}}
     return standalone_signature(name, "bool8", **{**usual, **more})
@@ -236,7 +236,7 @@ def bool8(name: str, **more: Any) -> Signature:
 def test_known_failures_of_an_import() -> None:
     """The error of an import is held against what is known, with what is installed."""
     probes = {"imports": {"gym": imported("AttributeError: no bool8", output="")}, "clean_imports": {}}
-    one = bool8("bool8", phases=["import"])
+    one = bool8_signature("bool8", phases=["import"])
 
     hits = [
         [hit.signature.id for hit in known_causes([one], probes, installed(gym="0.26.2", numpy=version))]
@@ -251,18 +251,18 @@ def test_a_log_is_no_cause() -> None:
     seen = [Evidence(phase="single", reasons=("ValueError: other",), logs=("warning: bool8 is gone",))]
     probes: dict[str, Any] = {"imports": {}, "clean_imports": {}}
 
-    assert known_causes([bool8("bool8")], probes, installed(gym="0.26.2", numpy="2.2.6"), seen) == ()
+    assert known_causes([bool8_signature("bool8")], probes, installed(gym="0.26.2", numpy="2.2.6"), seen) == ()
 
 
 def test_known_failures_that_these_versions_have() -> None:
     """All packages are there in such versions and the remedy asks for others; of one remedy, one is told."""
     those = [
-        bool8("wide", phases=["import", "single", "render"]),
-        bool8("narrow"),
-        bool8("one-package", packages=["gym<1"]),
-        bool8("no-other-version", remedy={"text": "reboot"}),
-        bool8("at-install", phases=["install"]),
-        bool8("mask", masks=True),
+        bool8_signature("wide", phases=["import", "single", "render"]),
+        bool8_signature("narrow"),
+        bool8_signature("one-package", packages=["gym<1"]),
+        bool8_signature("no-other-version", remedy={"text": "reboot"}),
+        bool8_signature("at-install", phases=["install"]),
+        bool8_signature("mask", masks=True),
     ]
 
     assert [one.id for one in predict_failures(those, installed(gym="0.26.2", numpy="2.2.6"))] == ["narrow"]

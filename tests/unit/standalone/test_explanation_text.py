@@ -13,13 +13,13 @@ TRACE = 'Traceback (most recent call last):\n  File "/e/lib/python3.9/site-packa
 REMEDY = {"requirements": ["numpy<2"], "environment": {"MUJOCO_GL": "egl", "PYOPENGL_PLATFORM": ""}, "text": "or wait"}
 
 
-def wings(remedy: dict[str, object], **more: object) -> matching.Signature:
+def wings_signature(remedy: dict[str, object], **more: object) -> matching.Signature:
     """Return a known failure."""
     links = ["https://example.org/1"]
     return standalone_signature("wings", **{"cause": "it has none", "remedy": remedy, "references": links, **more})
 
 
-def said(text: str, place: Place, *those: matching.Signature, **here: object) -> list[str]:
+def explanation_lines(text: str, place: Place, *those: matching.Signature, **here: object) -> list[str]:
     """Return the lines that `explain` prints about a text."""
     return list(explanation_text.lines(explain_text.explain_text(text, those, Facts(**here)), place))  # type: ignore[arg-type]
 
@@ -27,7 +27,7 @@ def said(text: str, place: Place, *those: matching.Signature, **here: object) ->
 def test_a_known_cause() -> None:
     """The text has the remedy as commands for this interpreter, and the place of the output."""
     place = Place(python="/e/bin/python", output_file="out.log")
-    assert said(TRACE + "ValueError: no wings\n", place, wings(REMEDY)) == [
+    assert explanation_lines(TRACE + "ValueError: no wings\n", place, wings_signature(REMEDY)) == [
         "failed:    ValueError: no wings",
         "cause:     it has none",
         "remedy:    install `numpy<2`; set `MUJOCO_GL=egl`; unset `PYOPENGL_PLATFORM`. or wait",
@@ -44,7 +44,7 @@ def test_a_known_cause() -> None:
 def test_an_unknown_one() -> None:
     """The text suggests what to inspect, what to try, and what to search for."""
     text = f"gym==0.21.0\n{TRACE}OSError: /home/me/a/b.xml is gone at 0x7fff12\n"
-    assert said(text, Place()) == [
+    assert explanation_lines(text, Place()) == [
         "failed:    OSError: /home/me/a/b.xml is gone at 0x7fff12 (in single)",
         "cause:     unknown: no known failure fits",
         "next:      simmatrix doctor",
@@ -55,14 +55,16 @@ def test_an_unknown_one() -> None:
 
 def test_the_file_that_stands_alone_names_itself() -> None:
     """The single file names itself in commands, and only verbs that it has."""
-    told = said(TRACE + "ValueError: no wings\n", Place(program="python a.pyz", alone=True), wings({"text": "wait"}))
+    told = explanation_lines(
+        TRACE + "ValueError: no wings\n", Place(program="python a.pyz", alone=True), wings_signature({"text": "wait"})
+    )
     assert told[-1] == "next:      python a.pyz doctor"
 
 
 def test_a_worker_that_died_without_a_word_is_asked_to_speak() -> None:
     """The command is run again, so that a crash says where."""
-    mask = wings({"text": "look"}, pattern="EOFError", masks=True, phases=["vector"])
-    told = said(TRACE + "EOFError\n", Place(command=("python", "my train.py")), mask, failed=True)
+    mask = wings_signature({"text": "look"}, pattern="EOFError", masks=True, phases=["vector"])
+    told = explanation_lines(TRACE + "EOFError\n", Place(command=("python", "my train.py")), mask, failed=True)
     assert told[:4] == [
         "failed:    EOFError (in vector)",
         "that is:   it has none",
@@ -74,7 +76,7 @@ def test_a_worker_that_died_without_a_word_is_asked_to_speak() -> None:
 
 def test_nothing_failed() -> None:
     """The last line is shown, and how to catch what does."""
-    assert said("Episode 1\nall done\n", Place(), wings(REMEDY)) == [
+    assert explanation_lines("Episode 1\nall done\n", Place(), wings_signature(REMEDY)) == [
         "no failure: nothing in this text says that anything failed",
         "last line: all done",
         "next:      simmatrix explain -- COMMAND, which keeps all that a command writes",
@@ -83,7 +85,7 @@ def test_nothing_failed() -> None:
 
 def test_a_release_that_is_repaired_is_tried_so() -> None:
     """The suggested command is `simmatrix try` with `--overlay`."""
-    told = said("gym==0.21.0\nValueError: no wings\n", Place(), wings({"overlay": ["gym"]}))
+    told = explanation_lines("gym==0.21.0\nValueError: no wings\n", Place(), wings_signature({"overlay": ["gym"]}))
     assert told[-1] == "           simmatrix try gym==0.21.0 --overlay"
 
 

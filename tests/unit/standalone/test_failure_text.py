@@ -158,7 +158,7 @@ So, because lab depends on robotics (1.3), version solving failed.
         "shell",
     ],
 )
-def test_what_is_told(text: str, decisive: str, phase: str | None) -> None:
+def test_the_line_that_a_person_would_quote(text: str, decisive: str, phase: str | None) -> None:
     """Of every kind of text the line that a person would quote, and where it failed."""
     told = failure_text.read_failure(text)
     assert (told.decisive, told.phase, told.failed) == (decisive, phase, True)
@@ -184,7 +184,7 @@ def test_a_traceback_is_seen_through_what_stands_around_it(changed) -> None:
     assert failure_text.read_failure(changed(TRACE)).decisive == "ValueError: no wings"
 
 
-def test_what_pytest_prints_is_a_failure() -> None:
+def test_a_failure_in_pytests_output_is_found() -> None:
     """Its marks before each line are no part of it."""
     text = "    def test_it():\n>       fly()\nE       ValueError: no wings\n\ntest_it.py:3: ValueError\n"
     assert failure_text.read_failure(text).decisive == "ValueError: no wings"
@@ -203,7 +203,7 @@ def test_what_pytest_prints_is_a_failure() -> None:
     ],
     ids=["training", "installed", "errors-of-a-model", "ignored", "counts", "sound"],
 )
-def test_where_nothing_failed_that_is_said(text: str) -> None:
+def test_a_log_without_a_failure_is_reported_as_such(text: str) -> None:
     """An honest answer to a log of something that went well."""
     told = failure_text.read_failure(text)
     assert (told.failed, told.decisive) == (False, None)
@@ -221,7 +221,7 @@ def test_where_nothing_failed_that_is_said(text: str) -> None:
         ("all is well\n", None),
     ],
 )
-def test_what_killed_a_process(text: str, name: str | None) -> None:
+def test_the_signal_that_killed_a_process(text: str, name: str | None) -> None:
     """The signal is read from the words of Python, of shells and of subprocess."""
     assert failure_text.read_failure(text).signal == name
 
@@ -248,7 +248,7 @@ def test_what_killed_a_process(text: str, name: str | None) -> None:
         ("gymnasium version: 1.2.0\nx==y\n", None, {"gymnasium": "1.2.0"}),
     ],
 )  # fmt: skip
-def test_versions_are_told_in_passing(text: str, python: str | None, packages: dict[str, str]) -> None:
+def test_versions_are_read_in_passing(text: str, python: str | None, packages: dict[str, str]) -> None:
     """Of paths, of installers and of lists; what is told twice and differently is not told."""
     assert version_hints.hints(text) == (python, packages)
 
@@ -326,7 +326,7 @@ def test_another_python_speaks_against_a_cause() -> None:
     assert named(TRACE, older, exact, installed={}, python="3.10.2") == []
 
 
-def test_what_a_log_mentions_is_no_cause_of_an_exception() -> None:
+def test_a_mention_in_the_log_is_no_cause_of_an_exception() -> None:
     """A notice that stands in the same log is told besides."""
     notice = standalone_signature("notice", "is unmaintained")
     made = explain_text.explain_text("gym is unmaintained\n" + TRACE, [notice])
@@ -334,7 +334,7 @@ def test_what_a_log_mentions_is_no_cause_of_an_exception() -> None:
     assert named("gym is unmaintained\n" + TRACE, notice, KNOWN) == ["wings"]
 
 
-def test_what_a_log_mentions_counts_behind_a_mask() -> None:
+def test_a_mention_in_the_log_counts_behind_a_mask() -> None:
     """A line that hides why is no reason to pass over what was written before it; a mask in passing hides nothing."""
     hides = standalone_signature("hides", "no context", masks=True)
     raised = "Traceback (most recent call last):\n  File 'x.py', line 1, in <module>\nRuntimeError: {}\n"
@@ -359,14 +359,14 @@ def test_a_pattern_over_frames_belongs_to_their_exception() -> None:
     assert named(TRACE, standalone_signature("frames", r'gym/core\.py", line \d+, in step')) == ["frames"]
 
 
-def test_what_is_installed_does_not_speak_against_what_is_being_installed() -> None:
+def test_installed_versions_do_not_contradict_those_being_installed() -> None:
     """The package that cannot be built is not there yet."""
     missing = standalone_signature("missing", "No module named 'pkg_resources'", packages=["box2d"], phases=["install"])
     assert named(PIP_BUILD, missing, installed={"numpy": "1.26.4"}, requirements=("box2d==2.3",)) == ["missing"]
     assert named(PIP_BUILD, missing, installed={"numpy": "1.26.4"}) == ["missing"]
 
 
-def test_a_failure_that_came_after_another_is_told() -> None:
+def test_a_failure_after_another_is_reported() -> None:
     """The known one is not the last that failed."""
     text = TRACE + "\n" + TRACE.replace("no wings", "no wheels")
     made = explain_text.explain_text(text, [KNOWN])

@@ -84,6 +84,6 @@ def test_lines_without_an_end_are_kept_within_bounds() -> None:
     ],
     ids=["broken", "bom", "powershell", "nul"],
 )
-def test_whatever_the_bytes_are_there_is_a_text(content: bytes, text: str) -> None:
+def test_any_bytes_become_text(content: bytes, text: str) -> None:
     """Hurt UTF-8, and what PowerShell redirects."""
     assert log_excerpt.read_excerpt(io.BytesIO(content).read).text == text

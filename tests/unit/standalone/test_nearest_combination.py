@@ -30,7 +30,7 @@ def measured(*cells: Any) -> dict[str, Any]:
     return {"schema": 1, "cells": [{**one, "lock": one["id"]} for one in cells], "locks": locks}
 
 
-def near(
+def nearest_answer(
     made: dict[str, Any],
     *cells: Any,
     env: str | None = None,
@@ -46,7 +46,7 @@ def test_the_fewest_changes_of_weight() -> None:
     """numpy is changed rather than gym; what differs and seldom matters is listed apart."""
     made = installed(gym="0.26.2", numpy="2.2.6", cloudpickle="3.0")
 
-    found = near(
+    found = nearest_answer(
         made,
         cell("old-gym", gym="0.21.0", numpy="2.2.6", cloudpickle="3.0"),
         cell("numpy", gym="0.26.2", numpy="1.26.4", cloudpickle="3.1"),
@@ -63,13 +63,13 @@ def test_this_python_goes_before_its_neighbours() -> None:
     there = cell("next", python="3.10.1", gym="0.26.2", numpy="1.26.4")
     far = cell("far", python="3.7.1", gym="0.26.2", numpy="1.21.6")
 
-    same = near(made, there, cell("same", gym="0.26.2", numpy="1.26.4"))
-    other = near(made, there, far)
+    same = nearest_answer(made, there, cell("same", gym="0.26.2", numpy="1.26.4"))
+    other = nearest_answer(made, there, far)
 
     assert same["cell"] == "m/same"
-    assert near(made, there, cell("more", gym="0.26.1", numpy="1.26.4"))["cell"] == "m/more"
+    assert nearest_answer(made, there, cell("more", gym="0.26.1", numpy="1.26.4"))["cell"] == "m/more"
     assert other["remarks"][0] == "it was measured on Python 3.10: nothing near was measured on 3.11"
-    assert near(made, far) is None
+    assert nearest_answer(made, far) is None
 
 
 def test_versions_with_the_same_known_issue_are_no_answer() -> None:
@@ -78,16 +78,16 @@ def test_versions_with_the_same_known_issue_are_no_answer() -> None:
     made = installed(gym="0.25.2", numpy="2.2.6")
     same, other = cell("same", gym="0.25.2", numpy="2.2.6"), cell("other", gym="0.25.2", numpy="1.26.4")
 
-    assert near(made, same, other)["cell"] == "m/same"
-    assert near(made, same, other, issues=(matching.read(issue),))["cell"] == "m/other"
-    assert near(made, same, issues=(matching.read(issue),)) is None
+    assert nearest_answer(made, same, other)["cell"] == "m/same"
+    assert nearest_answer(made, same, other, issues=(matching.read(issue),))["cell"] == "m/other"
+    assert nearest_answer(made, same, issues=(matching.read(issue),)) is None
 
 
 def test_a_package_that_a_remedy_brings_is_a_change() -> None:
     """The nearest versions alone would fail again for want of it."""
     made = installed(gym="0.25.2", numpy="2.2.6")
 
-    found = near(made, cell("old", gym="0.25.2", numpy="1.26.4", packaging="24.0"), remedies=("packaging",))
+    found = nearest_answer(made, cell("old", gym="0.25.2", numpy="1.26.4", packaging="24.0"), remedies=("packaging",))
 
     assert found["command"] == "python -m pip install numpy==1.26.4 packaging==24.0"
 
@@ -97,7 +97,10 @@ def test_an_issue_of_any_version_leaves_measured_cells_as_they_are() -> None:
     issue = {"id": "wide", "cause": "it happens", "pattern": "it happens", "packages": ["gym"]}
     made = installed(gym="0.25.2", numpy="2.2.6")
 
-    assert near(made, cell("same", gym="0.25.2", numpy="2.2.6"), issues=(matching.read(issue),))["cell"] == "m/same"
+    assert (
+        nearest_answer(made, cell("same", gym="0.25.2", numpy="2.2.6"), issues=(matching.read(issue),))["cell"]
+        == "m/same"
+    )
 
 
 def test_only_what_works_counts() -> None:
@@ -105,14 +108,14 @@ def test_only_what_works_counts() -> None:
     made = installed(gym="0.26.2", numpy="2.2.6")
     mended = {**cell("mended", gym="0.26.2", numpy="1.26.4"), "repairs": ["gym"]}
 
-    assert near(made, cell("red", "broken", gym="0.26.2", numpy="1.26.4"), mended) is None
+    assert nearest_answer(made, cell("red", "broken", gym="0.26.2", numpy="1.26.4"), mended) is None
 
 
 def test_the_environment_asked_for() -> None:
     """Only cells that made and stepped it; what is not installed for it is among the changes."""
     made = installed(numpy="1.26.4")
 
-    found = near(
+    found = nearest_answer(
         made, cell("ant", env="Ant-v4", gym="0.26.2", numpy="1.26.4"), cell("pole", gym="0.26.2"), env="Ant-v4"
     )
 
@@ -127,8 +130,8 @@ def test_of_what_is_not_there_the_newest() -> None:
         {**cell("next", env="Ant-v4", gymnasium="1.0.0"), "axes": {"gymnasium": "1.0.0"}},
     )
 
-    assert near(installed(pip="23"), *cells, env="Ant-v4")["changes"][0]["name"] == "gymnasium"
-    assert near(installed(pip="23"), *cells[:2], env="Ant-v4")["cell"] == "m/new"
+    assert nearest_answer(installed(pip="23"), *cells, env="Ant-v4")["changes"][0]["name"] == "gymnasium"
+    assert nearest_answer(installed(pip="23"), *cells[:2], env="Ant-v4")["cell"] == "m/new"
 
 
 def test_remedies_are_heeded() -> None:
@@ -136,11 +139,11 @@ def test_remedies_are_heeded() -> None:
     made = installed(gym="0.26.2", numpy="2.2.6")
     cells = cell("gym", gym="0.26.1", numpy="2.2.6"), cell("numpy", gym="0.26.2", numpy="1.26.4")
 
-    assert near(made, *cells)["cell"] == "m/gym"
-    assert near(made, *cells, remedies=("numpy<2",))["cell"] == "m/numpy"
+    assert nearest_answer(made, *cells)["cell"] == "m/gym"
+    assert nearest_answer(made, *cells, remedies=("numpy<2",))["cell"] == "m/numpy"
 
 
-def test_what_stays_is_not_hurt() -> None:
+def test_a_combination_that_breaks_remaining_packages_goes_last() -> None:
     """A combination that breaks a package which stays goes after one that does not, and otherwise that is said."""
     made = facts(
         distribution("gym", "0.26.2"),
@@ -150,11 +153,11 @@ def test_what_stays_is_not_hurt() -> None:
     worse = cell("worse", gym="0.26.2", numpy="1.19.5")
     better = cell("better", gym="0.26.1", numpy="1.26.4")
 
-    assert near(made, worse, better)["cell"] == "m/better"
-    assert near(made, worse)["remarks"][-1] == "afterwards wheels 1.0 asks for numpy>=1.20"
+    assert nearest_answer(made, worse, better)["cell"] == "m/better"
+    assert nearest_answer(made, worse)["remarks"][-1] == "afterwards wheels 1.0 asks for numpy>=1.20"
 
 
-def test_what_needs_another_version_changes_too() -> None:
+def test_a_package_that_needs_another_version_changes_too() -> None:
     """A package that stays and cannot be beside the changes is changed to what was measured."""
     made = facts(
         distribution("gym", "0.26.2"),
@@ -162,18 +165,18 @@ def test_what_needs_another_version_changes_too() -> None:
         distribution("opencv-python", "4.12", "numpy>=2"),
     )
 
-    found = near(made, cell("one", gym="0.26.2", numpy="1.26.4", opencv_python="4.9"))
+    found = nearest_answer(made, cell("one", gym="0.26.2", numpy="1.26.4", opencv_python="4.9"))
 
     assert [one["name"] for one in found["changes"]] == ["numpy", "opencv-python"]
 
 
 def test_nothing_to_change() -> None:
     """The very versions were measured: there is nothing to type. Without a simulator nothing is said at all."""
-    assert near(installed(gym="0.26.2"), cell("same", gym="0.26.2"))["command"] is None
-    assert near(installed(requests="2.0"), cell("same", gym="0.26.2")) is None
+    assert nearest_answer(installed(gym="0.26.2"), cell("same", gym="0.26.2"))["command"] is None
+    assert nearest_answer(installed(requests="2.0"), cell("same", gym="0.26.2")) is None
 
 
-def test_what_was_measured_to_fail() -> None:
+def test_versions_that_were_measured_to_fail() -> None:
     """These versions fail where they were measured; not told where they also work, or beside what is not here."""
     made = installed(gym="0.26.2", numpy="2.2.6")
     red = cell("red", "broken", gym="0.26.2", numpy="2.2.6")

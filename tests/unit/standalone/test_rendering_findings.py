@@ -43,6 +43,6 @@ def test_settings(libraries: dict[str, str | None], variables: dict[str, str], s
     assert [one.text for one in found if one.level == "warning"] == said
 
 
-def test_what_cannot_be_told() -> None:
+def test_without_facts_there_is_one_note() -> None:
     """Without facts there is one note, and nothing is made up."""
     assert [one.level for one in rendering_findings.findings({}, {})] == ["note"]

@@ -42,17 +42,17 @@ KNOWN = signatures.read({"silent.toml": textwrap.dedent(TEXT)})
 NAME = "silent:camera-elsewhere"
 
 
-def known() -> Knowledge:
+def knowledge() -> Knowledge:
     """Return the known issues of these tests."""
     return make_knowledge(*KNOWN)
 
 
-def seen_by(camera: Outcome | None) -> CaseRecord:
+def camera_case(camera: Outcome | None) -> CaseRecord:
     """Return a case that drew by OpenGL, and how its camera check ended, if it ran."""
     return case("pppp", render=render_phase(camera, "off", gl={"api": "egl"}))
 
 
-def tried(**changed: object) -> CaseResult:
+def ant_case(**changed: object) -> CaseResult:
     """Return an Ant case that drew, with the changes that a test needs."""
     usual = CaseResult("Ant-v5", "gymnasium", {"single": "passed", "render": "passed"}, {}, opengl=True)
     return usual._replace(**changed)
@@ -74,7 +74,7 @@ def tried(**changed: object) -> CaseResult:
 )
 def test_an_issue_is_open_where_it_fits_and_nothing_shows_or_refutes_it(changed: dict[str, object], fits: bool) -> None:
     """Environment, API, phase and picture must fit; a failed check has shown the issue, a passed one refutes it."""
-    assert silent.open_issues(KNOWN, tried(**changed)) == ((NAME,) if fits else ())
+    assert silent.open_issues(KNOWN, ant_case(**changed)) == ((NAME,) if fits else ())
 
 
 def test_an_exclusion_leaves_environments_out() -> None:
@@ -89,12 +89,12 @@ def test_an_exclusion_leaves_environments_out() -> None:
 
 def judged(seen: CellRecord) -> tuple[Assessed, CellEntry]:
     """Return a record's assessment and its entry in a document."""
-    return assess(seen, known()), entry(seen, known())
+    return assess(seen, knowledge()), entry(seen, knowledge())
 
 
 def test_a_green_cell_says_what_is_left_open() -> None:
     """It works, and is not plainly good: neither it nor a remedy that leads to it is handed out."""
-    said, entry = judged(record(seen_by(None)))
+    said, entry = judged(record(camera_case(None)))
 
     assert (said.verdict, said.unverified) == (Verdict.WORKS, (NAME,))
     assert not said.fulfilled
@@ -105,7 +105,7 @@ def test_a_green_cell_says_what_is_left_open() -> None:
 
 def test_a_check_that_passed_refutes_it() -> None:
     """If the check of a silent issue passed, the cell is plainly good."""
-    said, entry = judged(record(seen_by(Outcome.PASSED)))
+    said, entry = judged(record(camera_case(Outcome.PASSED)))
 
     assert said.unverified == entry.unverified == ()
     assert silent.plainly_good(entry.verdict, entry.unverified)
@@ -113,7 +113,7 @@ def test_a_check_that_passed_refutes_it() -> None:
 
 def test_a_check_that_failed_names_it() -> None:
     """The case misleads, and the issue is the cell's diagnosis, by the line of the check."""
-    said, entry = judged(record(seen_by(Outcome.FAILED)))
+    said, entry = judged(record(camera_case(Outcome.FAILED)))
 
     assert (said.verdict, said.unverified) == (Verdict.MISLEADS, ())
     assert [one.misleads for one in entry.cases] == [("render.camera",)]
@@ -125,7 +125,7 @@ def test_a_check_that_failed_names_it() -> None:
 
 def test_other_releases_are_not_spoken_of() -> None:
     """The packages have to be there in those versions."""
-    said, _ = judged(replace(record(seen_by(None)), installed={"gymnasium": "1.3.0"}))
+    said, _ = judged(replace(record(camera_case(None)), installed={"gymnasium": "1.3.0"}))
 
     assert said.unverified == ()
 
@@ -138,7 +138,7 @@ def committed() -> list[Document]:
     return [document.read(path.read_bytes(), path.parent.name) for path in sorted(REPORTS.glob("*/report.json"))]
 
 
-def there(one: Signature, entry: CellEntry) -> bool:
+def is_installed(one: Signature, entry: CellEntry) -> bool:
     """Tell whether all packages of a known issue are installed in versions that fit, read by `packaging` alone."""
     installed = entry.installed or {}
     parts = [[Requirement(text) for text in part] for part in one.packages]
@@ -148,7 +148,7 @@ def there(one: Signature, entry: CellEntry) -> bool:
     return all(fits) and (one.python is None or SpecifierSet(one.python).contains(entry.python or "0"))
 
 
-def spoken_of(one: Signature, tested: CaseEntry) -> bool:
+def is_relevant(one: Signature, tested: CaseEntry) -> bool:
     """Tell whether a known issue speaks of a case in which something passed that it would show in."""
     plain = (tested.env or "").rpartition(":")[2]
     named = [pattern for pattern in one.envs if not pattern.startswith("!")]
@@ -170,9 +170,9 @@ def test_no_committed_green_fits_a_silent_issue_without_saying_so() -> None:
         for made in committed()
         for entry in made.cells
         for one in issues
-        if there(one, entry)
+        if is_installed(one, entry)
         for tested in entry.cases
-        if spoken_of(one, tested)
+        if is_relevant(one, tested)
     ]
     silently = [
         (entry.id, tested.case, one.id)

@@ -45,7 +45,7 @@ def venv(folder: Path, base: Path, *, shared: str = "false") -> Path:
     return folder
 
 
-def found(path: Path, **variables: str) -> packages.Packages:
+def packages_of(path: Path, **variables: str) -> packages.Packages:
     """Return the packages of an interpreter."""
     made = packages.of_interpreter(str(path), variables, "/")
     assert made is not None
@@ -54,45 +54,45 @@ def found(path: Path, **variables: str) -> packages.Packages:
 
 def test_an_interpreter_of_its_own(base: Path) -> None:
     """Its packages, old ones of setuptools, too; its whole version by the folder that it lies in."""
-    assert found(base / "bin" / "python", HOME="/nowhere")[1:] == ("3.9.18", {"old-gym": "0.21.0"})
+    assert packages_of(base / "bin" / "python", HOME="/nowhere")[1:] == ("3.9.18", {"old-gym": "0.21.0"})
 
 
 def test_an_environment_has_its_own_packages(base: Path, tmp_path: Path) -> None:
     """Those of its base only where it says so; it can be named by its folder."""
     alone, shared = venv(tmp_path / "a", base), venv(tmp_path / "b", base, shared="true")
-    assert found(alone / "bin" / "python")[1:] == ("3.9.18", {"numpy": "1.26.4"})
-    assert found(alone).python == str(alone / "bin" / "python")
-    assert found(shared, HOME="/nowhere").installed == {"numpy": "1.26.4", "old-gym": "0.21.0"}
+    assert packages_of(alone / "bin" / "python")[1:] == ("3.9.18", {"numpy": "1.26.4"})
+    assert packages_of(alone).python == str(alone / "bin" / "python")
+    assert packages_of(shared, HOME="/nowhere").installed == {"numpy": "1.26.4", "old-gym": "0.21.0"}
 
 
-def test_what_comes_first_is_imported(base: Path, tmp_path: Path) -> None:
+def test_the_first_package_on_the_path_is_imported(base: Path, tmp_path: Path) -> None:
     """PYTHONPATH goes before the environment, the user's own packages before those of the interpreter."""
     dist(tmp_path / "extra", "numpy", "2.0.0")
     dist(tmp_path / "home" / ".local" / "lib" / "python3.9" / "site-packages", "old-gym", "0.26.2")
     environment = venv(tmp_path / "a", base)
-    assert found(environment, PYTHONPATH=str(tmp_path / "extra")).installed == {"numpy": "2.0.0"}
-    assert found(base / "bin" / "python", HOME=str(tmp_path / "home")).installed == {"old-gym": "0.26.2"}
-    assert found(base / "bin" / "python", HOME=str(tmp_path / "home"), PYTHONNOUSERSITE="1").installed == {
+    assert packages_of(environment, PYTHONPATH=str(tmp_path / "extra")).installed == {"numpy": "2.0.0"}
+    assert packages_of(base / "bin" / "python", HOME=str(tmp_path / "home")).installed == {"old-gym": "0.26.2"}
+    assert packages_of(base / "bin" / "python", HOME=str(tmp_path / "home"), PYTHONNOUSERSITE="1").installed == {
         "old-gym": "0.21.0"
     }
 
 
-def test_what_conda_notes_tells_the_version(tmp_path: Path) -> None:
+def test_the_version_comes_from_condas_metadata(tmp_path: Path) -> None:
     """The version comes from conda's metadata if no folder is named by it."""
     file(tmp_path / "envs" / "rl" / "bin" / "python3.10")
     (tmp_path / "envs" / "rl" / "bin" / "python").symlink_to("python3.10")
     (tmp_path / "envs" / "rl" / "lib" / "python3.10" / "site-packages").mkdir(parents=True)
     file(tmp_path / "envs" / "rl" / "conda-meta" / "python-3.10.13-h955ad1f_0.json")
-    assert found(tmp_path / "envs" / "rl" / "bin" / "python", HOME="/nowhere").version == "3.10.13"
+    assert packages_of(tmp_path / "envs" / "rl" / "bin" / "python", HOME="/nowhere").version == "3.10.13"
 
 
-def test_metadata_that_is_broken_is_told_by_its_name(base: Path, tmp_path: Path) -> None:
+def test_a_package_with_broken_metadata_is_named_by_its_folder(base: Path, tmp_path: Path) -> None:
     """A package without readable metadata is known by the name of its folder, or passed over."""
     site = venv(tmp_path / "a", base) / "lib" / "python3.9" / "site-packages"
     (site / "gym-0.26.2.dist-info").mkdir()
     (site / "~ip-1.dist-info").mkdir()
     (site / "odd.dist-info").mkdir()
-    installed = found(tmp_path / "a").installed
+    installed = packages_of(tmp_path / "a").installed
     assert (installed["gym"], installed["numpy"], "odd" in installed) == ("0.26.2", "1.26.4", False)
 
 

@@ -20,7 +20,7 @@ ENOUGH = 0.9
 
 
 @cache
-def known() -> tuple[matching.Signature, ...]:
+def standalone_signatures() -> tuple[matching.Signature, ...]:
     """Return the known failures as the standalone code reads them."""
     return tuple(matching.read(one.as_file) for one in shipped_signatures.load_all())
 
@@ -38,7 +38,7 @@ def test_logs_of_what_works_have_neither_failure_nor_cause() -> None:
         if cell.verdict is Verdict.WORKS and cell.evidence:
             for name, text in shipped_signatures.texts(folder / cell.evidence).items():
                 if not name.endswith(".jsonl") and text.strip():
-                    made = explain_text(text, known())
+                    made = explain_text(text, standalone_signatures())
                     assert (made.failure.decisive, made.cause) == (None, None), (cell.id, name)
                     count += 1
     assert count > 100
@@ -50,21 +50,21 @@ def test_texts_of_what_fails_tell_the_causes_that_cells_have() -> None:
     right = other = 0
     for folder, cell in cells():
         expected = {one.signature for one in counted(cell)} - coded
-        text = "\n".join(said(folder, cell))
+        text = "\n".join(texts_of(folder, cell))
         if expected and text:
-            cause = made(text, cell).cause
+            cause = explain(text, cell).cause
             right += cause is not None and cause.signature.id in expected
             other += cause is None or cause.signature.id not in expected
     assert right > 50
     assert right / (right + other) > ENOUGH
 
 
-def made(text: str, cell: CellEntry) -> Explanation:
+def explain(text: str, cell: CellEntry) -> Explanation:
     """Return the explanation of a cell's text."""
-    return explain_text(text, known(), Facts(installed=cell.installed, python=cell.python))
+    return explain_text(text, standalone_signatures(), Facts(installed=cell.installed, python=cell.python))
 
 
-def said(folder: Path, cell: CellEntry) -> Iterator[str]:
+def texts_of(folder: Path, cell: CellEntry) -> Iterator[str]:
     """Yield the texts that a cell wrote, and the tracebacks of its replies."""
     if cell.evidence and cell.phase:
         yield from failure_texts.extract_texts(shipped_signatures.texts(folder / cell.evidence), cell.phase)

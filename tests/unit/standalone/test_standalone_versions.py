@@ -52,7 +52,7 @@ def corpus() -> tuple[str, ...]:
     return tuple(sorted(asked))
 
 
-def parses(text: str) -> bool:
+def is_requirement(text: str) -> bool:
     """Return whether `packaging` takes a requirement."""
     try:
         Theirs(text)
@@ -97,11 +97,11 @@ def test_prereleases_fit() -> None:
     assert Specifiers(">=2.0rc1,<2.1").text == ">=2.0rc1,<2.1"
 
 
-def test_what_nothing_fits_is_told() -> None:
+def test_unsatisfiable_specifiers_are_found() -> None:
     """Of one, two and three specifiers of the corpus that are asked for together."""
     sample = random.Random(7)
     odd = [f"{operator}{text}" for operator in OPERATORS for text in (*WRITTEN.split(), "1.0.*", "1!1.*")]
-    asked = [str(Theirs(text).specifier) for text in corpus() if parses(text)]
+    asked = [str(Theirs(text).specifier) for text in corpus() if is_requirement(text)]
     known = []
     for text in dict.fromkeys([*odd, *asked]):
         try:
@@ -132,7 +132,7 @@ ENVIRONMENTS = (
 def test_requirements_mean_the_same(changed: dict[str, str]) -> None:
     """Name, extras, URL, versions, and whether they count, in several environments, for extras and for none."""
     environment = {**default_environment(), **changed}
-    asked = [text for text in corpus() if parses(text)]
+    asked = [text for text in corpus() if is_requirement(text)]
     assert len(asked) > 600
     for text in asked:
         expected, made = Theirs(text), Requirement(text)
@@ -141,10 +141,13 @@ def test_requirements_mean_the_same(changed: dict[str, str]) -> None:
         for each in ("1.0", "1.0+local", "2.1", "0.9rc1"):
             assert made.specifiers.admits(each) is expected.specifier.contains(each, prereleases=True), (text, each)
         for extra in ("", "test", "all-of-it", "x"):
-            assert wanted(made, environment, extra) == evaluated(expected, environment, extra), (text, extra)
+            assert applies(made, environment, extra) == applies_by_packaging(expected, environment, extra), (
+                text,
+                extra,
+            )
 
 
-def wanted(made: Requirement, environment: dict[str, str], extra: str) -> bool | None:
+def applies(made: Requirement, environment: dict[str, str], extra: str) -> bool | None:
     """Return whether a requirement applies in an environment; None if that cannot be decided."""
     try:
         return made.wanted(environment, (extra,) if extra else ())
@@ -152,7 +155,7 @@ def wanted(made: Requirement, environment: dict[str, str], extra: str) -> bool |
         return None
 
 
-def evaluated(expected: Theirs, environment: dict[str, str], extra: str) -> bool | None:
+def applies_by_packaging(expected: Theirs, environment: dict[str, str], extra: str) -> bool | None:
     """Return the same, as today's `packaging` answers it."""
     if expected.marker is None:
         return True
@@ -163,7 +166,7 @@ def evaluated(expected: Theirs, environment: dict[str, str], extra: str) -> bool
 
 
 @pytest.mark.parametrize("text", ["a b", "a>=", "a[b", "-a", "a; what == '1'", "a>=1 <2", ""])
-def test_what_is_no_requirement_is_refused(text: str) -> None:
+def test_a_text_that_is_no_requirement_is_refused(text: str) -> None:
     """Callers skip it by a ValueError."""
     with pytest.raises(ValueError, match=r"."):
         Requirement(text)

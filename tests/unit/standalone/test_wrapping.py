@@ -21,7 +21,7 @@ def test_sentences_are_broken_between_words() -> None:
     assert " ".join(" ".join(lines).split()) == " ".join(SENTENCE.split())
 
 
-def test_what_is_copied_stays_on_one_line() -> None:
+def test_commands_stay_on_one_line() -> None:
     """A command that was broken could not be pasted."""
     assert list(wrap_lines([COMMAND], 80)) == [COMMAND]
 
