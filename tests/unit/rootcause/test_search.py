@@ -119,7 +119,7 @@ def test_other_failures_in_between_are_reported_with_their_ends() -> None:
         (8, 9, GOOD, "import: no module"),
         (44, 45, "import: no module", BAD),
     ]
-    assert asked <= 3 * bound(60)
+    assert asked <= 2 * bound(60)
 
 
 def test_answers_at_hand_are_not_asked_again() -> None:
