@@ -83,9 +83,8 @@ def facts() -> Machine:
         "memory_mb": os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") >> 20,
         **parts,
     }
-    labels = (sys.platform, platform.machine(), libc.replace(" ", ""), label(parts))
     return Machine(
-        id="-".join(filter(None, labels)),
+        id="-".join((sys.platform, platform.machine(), libc.replace(" ", ""), label(parts))),
         facts=properties,
         capabilities=frozenset(name for name, part in parts.items() if "missing" not in part),
     )

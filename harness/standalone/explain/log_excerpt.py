@@ -5,16 +5,9 @@ from __future__ import annotations
 import re
 from typing import Callable, List, NamedTuple, Optional, Sequence
 
-HEAD, TAIL = 256000, 1024000
-"""Bytes of the beginning and of the end."""
-
-MIDDLE = 1024000
-"""Bytes of what is kept between them."""
-
 BEFORE, AFTER = 3, 250
 """Lines that belong to a marked one: those before it, and at most so many after it."""
 
-CHUNK = 1 << 20
 MARKS = (
     b"Traceback (most recent call last)", b"No solution found", b"Fatal Python error", b"CMake Error", b": error: ",
     b"fatal error: ", b"terminate called", b"what():", b"egmentation fault", b"ResolutionImpossible", b"ERROR: ",
@@ -23,6 +16,18 @@ MARKS = (
 """Of a line that may say why."""
 
 NUMBERS = re.compile(rb"0x[0-9a-fA-F]+|\d+")
+
+
+class Bounds(NamedTuple):
+    """Numbers of bytes to keep: of the beginning, of the end, and between them; `chunk` are read at once."""
+
+    head: int = 256000
+    tail: int = 1024000
+    middle: int = 1024000
+    chunk: int = 1 << 20
+
+
+USUAL = Bounds()
 
 
 class Excerpt(NamedTuple):
@@ -36,7 +41,8 @@ class Excerpt(NamedTuple):
 class Keeper:
     """Collects a log piece by piece. Blocks that differ only in numbers are kept once."""
 
-    def __init__(self) -> None:
+    def __init__(self, bounds: Bounds) -> None:
+        self.bounds = bounds
         self.size = 0
         self._head = bytearray()
         self._tail = bytearray()
@@ -48,14 +54,15 @@ class Keeper:
     def take(self, piece: bytes) -> None:
         """Take the next piece."""
         self.size += len(piece)
-        room = HEAD - len(self._head)
+        tail = self.bounds.tail
+        room = self.bounds.head - len(self._head)
         if room > 0:
             self._head += piece[:room]
             piece = piece[room:]
         self._tail += piece
-        if len(self._tail) > TAIL + CHUNK:
+        if len(self._tail) > tail + self.bounds.chunk:
             # A progress bar of many megabytes is one line, so there may be no line's end to cut at.
-            end = self._tail.rfind(b"\n", 0, len(self._tail) - TAIL) + 1 or len(self._tail) - TAIL
+            end = self._tail.rfind(b"\n", 0, len(self._tail) - tail) + 1 or len(self._tail) - tail
             self._pass(bytes(self._tail[:end]))
             del self._tail[:end]
 
@@ -82,7 +89,7 @@ class Keeper:
             return
         block = b"".join(opened)
         shape = NUMBERS.sub(b"0", b"".join(opened[1:]))
-        if shape not in self._known and self._kept + len(block) <= MIDDLE:
+        if shape not in self._known and self._kept + len(block) <= self.bounds.middle:
             self._known.add(shape)
             self._middle.append(block)
             self._kept += len(block)
@@ -102,11 +109,11 @@ def _leads_on(line: Sequence[bytes]) -> bool:
     return any(one.startswith((b"The above exception", b"During handling")) for one in line)
 
 
-def read_excerpt(read: Callable[[int], bytes]) -> Excerpt:
+def read_excerpt(read: Callable[[int], bytes], bounds: Bounds = USUAL) -> Excerpt:
     """Read a stream to its end and return the parts to keep."""
-    keeper = Keeper()
+    keeper = Keeper(bounds)
     while True:
-        piece = read(CHUNK)
+        piece = read(bounds.chunk)
         if not piece:
             return keeper.finish()
         keeper.take(piece)
