@@ -127,7 +127,7 @@ def test_a_step_without_a_stage_that_differs_is_the_integrator() -> None:
     assert (found.stage, found.start_of_stage) == ("integrator", "step 1")
 
 
-def test_what_more_iterations_take_away_is_the_precision_of_the_solver() -> None:
+def test_a_difference_that_more_iterations_remove_is_the_precision_of_the_solver() -> None:
     """Both come to the same state once the solver runs to its end."""
     step = moved("step", 1e-6, state=1e-6).arrays
     other = outputs(**{**step, "stages": stage(0, 7)})
@@ -156,7 +156,7 @@ def test_a_difference_only_from_the_stored_warm_start_is_named_so() -> None:
     assert (found.kind, found.warm_start, found.agrees) == (Class.CHANGED, True, False)
 
 
-def test_an_episode_that_ends_elsewhere_is_told() -> None:
+def test_an_episode_that_ends_elsewhere_is_reported() -> None:
     """States, observations and rewards agree."""
     ended = np.zeros((STATES, 2))
     ended[:5, 0] = 1
@@ -179,12 +179,12 @@ def test_another_size_of_the_observation_is_another_observation() -> None:
     assert (found.kind, found.dynamics) == (Class.OTHER_OBSERVATION, Class.IDENTICAL)
 
 
-def test_what_does_not_repeat_itself_is_recognised_first() -> None:
+def test_a_step_that_does_not_repeat_itself_is_recognised_first() -> None:
     """No difference of such a cell means anything."""
     assert compare(outputs(), with_facts(repeats=False), bank()).kind is Class.NONDETERMINISTIC
 
 
-def test_another_generator_is_told_from_another_distribution_of_starts() -> None:
+def test_another_generator_is_no_other_distribution_of_starts() -> None:
     """Fifty seeds of one distribution, and of a wider one; the kind of the cell stays what its steps say."""
     dice = np.random.RandomState(9)
     reseeded = compare(outputs(), outputs(reset=dice.uniform(1, 2, (50, 3))), bank())

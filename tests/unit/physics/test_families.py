@@ -34,7 +34,7 @@ def test_a_later_release_may_return_to_an_earlier_family() -> None:
     assert families(["a", "b", "c"], by_value({"a": 0, "b": 9, "c": 0})) == {"a": "A", "b": "B", "c": "A"}
 
 
-def test_what_only_the_solver_explains_keeps_the_letter_with_a_prime() -> None:
+def test_a_difference_of_the_solver_alone_keeps_the_letter_with_a_prime() -> None:
     """It does not decide who else belongs to the family."""
     compare = by_value({"a": 0, "b": 0, "c": 0}, {frozenset("ab"): Class.SOLVER_PRECISION})
     assert families(["a", "b", "c"], compare) == {"a": "A", "b": "A'", "c": "A"}
