@@ -73,7 +73,7 @@ def test_a_copy_of_an_environment_has_it_in_its_own_place(source: Source, tmp_pa
         assert pyc(lent, tmp_path / "copy").is_file()
 
 
-def test_poisoned_byte_code_reaches_no_other_run(source: Source) -> None:
+def test_tampered_byte_code_reaches_no_other_run(source: Source) -> None:
     """Poisoned bytecode is deleted with the run that left it, also if it is for a new name."""
     (folder,) = source.folders
     run_twice(source)
