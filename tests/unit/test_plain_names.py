@@ -41,7 +41,7 @@ def test_names_are_things_or_actions(path: Path) -> None:
 
 def modules_of_tests() -> Iterator[Path]:
     """Yield the files of tests."""
-    yield from (path for path in sorted((ROOT / "tests").rglob("test_*.py")) if not PROGRAMS & {*path.parts})
+    yield from (path for path in sorted((ROOT / "tests").rglob("test_*.py")) if not APART & {*path.parts})
 
 
 RIDDLE = re.compile(
