@@ -220,8 +220,7 @@ def _measured(letters: str) -> MeasuredCell:
     """Return the measured cell of a record whose one case ended as these letters say."""
     question = Question(requirements=())
     measured = record(case(letters, "c"), of=cell("c", ("c",), matrix="m", axes={}, question=question))
-    (made,) = digest.from_report(document_of(measured), Path()).cells
-    return made
+    return digest.from_report(document_of(measured), Path()).cells[0]
 
 
 def measured_cell(name: str, verdict: str = "works", python: str = "3.11.7", **more: Any) -> MeasuredCell:

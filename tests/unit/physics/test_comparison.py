@@ -137,7 +137,7 @@ def test_a_difference_that_more_iterations_remove_is_the_precision_of_the_solver
     assert compare(outputs(), lasting, bank()).kind is Class.CHANGED
 
 
-def test_what_follows_from_the_solver_is_no_other_observation() -> None:
+def test_an_effect_of_the_solver_is_no_other_observation() -> None:
     """The observation and the reward differ because the state does."""
     step = moved("step", 1e-6, state=1e-6, observation=1e-6, reward=1e-6).arrays
     other = outputs(**{**step, "stages": stage(0, 7)})

@@ -40,7 +40,7 @@ def test_a_difference_of_the_solver_alone_keeps_the_letter_with_a_prime() -> Non
     assert families(["a", "b", "c"], compare) == {"a": "A", "b": "A'", "c": "A"}
 
 
-def test_what_cannot_be_decided_has_a_question_mark_and_is_no_member() -> None:
+def test_an_undecided_cell_has_a_question_mark_and_is_no_member() -> None:
     """A later cell that agrees with it, and not with the family, is no member either."""
     undecided = {frozenset("ab"): Class.UNDECIDED, frozenset("ac"): Class.UNDECIDED}
     compare = by_value({"a": 0, "b": 0, "c": 0, "d": 9}, undecided)
