@@ -23,7 +23,7 @@ class Hook(BuildHookInterface):
         if version == "editable":
             return
         self.folder = TemporaryDirectory()
-        for target, content in zip((TARGET, REPORTS), packed(Path(self.root)), strict=True):
+        for target, content in zip((TARGET, REPORTS), pack(Path(self.root)), strict=True):
             file = Path(self.folder.name) / Path(target).name
             file.write_bytes(content)
             build_data["force_include"][str(file)] = target
@@ -34,7 +34,7 @@ class Hook(BuildHookInterface):
             self.folder.cleanup()
 
 
-def packed(root: Path) -> tuple[bytes, bytes]:
+def pack(root: Path) -> tuple[bytes, bytes]:
     """Return what was measured in a checkout, and its whole reports; both compressed."""
     sys.path.insert(0, str(root))  # nothing is installed yet
     try:
@@ -42,4 +42,4 @@ def packed(root: Path) -> tuple[bytes, bytes]:
     finally:
         sys.path.remove(str(root))
     files = sorted((root / "reports").glob("*/report.json"))
-    return digest.packed(digest.from_files(files)), digest.packed_reports(files)
+    return digest.pack(digest.from_files(files)), digest.pack_reports(files)

@@ -19,7 +19,7 @@ from harness.machine.store import InstallResult, Store, digest, question_key
 from harness.model import Artifact, Cell, CellRecord, Interpreter, Lock, Pin, Question
 from harness.model.vocabulary import APIS
 from harness.probes import wire
-from harness.probes.evidence import LOG, REPLY, End, ProbeRun, Request
+from harness.probes.evidence import LOG, REPLY, ProbeRun, Request, RunEnd
 from harness.probes.vault import keep_files
 from harness.running import case_run
 from harness.running.scheduler import Observer, Runner, Settings
@@ -128,7 +128,7 @@ def _measured(cell: Cell, runner: Runner, lock: Lock, interpreter: Interpreter) 
             run = ProbeRun(
                 request=request,
                 program={name: case_plan.program[name] for name in names},
-                end=End(exit_code=0, seconds=1.0, peak_mb=100),
+                end=RunEnd(exit_code=0, seconds=1.0, peak_mb=100),
                 host=context.laboratory.host,
                 files=files,
                 measured=INSTANT,

@@ -274,7 +274,7 @@ def main() -> None:
     path, began = args.folder / "worlds.jsonl", monotonic()
     results = [SearchResult(**json.loads(line)) for line in path.read_text().splitlines()] if path.exists() else []
     for seed in range(args.worlds):
-        if seed in {one.seed for one in results} or monotonic() - began > args.minutes * 60 or process.stopped():
+        if seed in {one.seed for one in results} or monotonic() - began > args.minutes * 60 or process.is_stopped():
             continue
         results.append(real(world(seed), args.folder))
         with path.open("a") as file:

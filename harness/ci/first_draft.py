@@ -108,7 +108,7 @@ def _minor(python: str) -> str:
 
 def _suite(about: Project) -> drafts.SuiteDraft | None:
     folders = [path.name for path in sorted(Path().iterdir()) if path.is_dir()]
-    return drafts.suite(
+    return drafts.draft_suite(
         about.extras, about.groups, folders, in_workflow=_extras_of_workflows(), configured=about.test_paths
     )
 
@@ -146,4 +146,4 @@ def _registered() -> Iterator[tuple[str, str]]:
         if path.stat().st_size <= LARGEST:
             text = path.read_text(encoding="utf-8", errors="replace")
             api = GYMNASIUM if "gymnasium" in text else GYM
-            yield from ((env, api) for env in (drafts.registered(text) if "register" in text else ()))
+            yield from ((env, api) for env in (drafts.environment_ids(text) if "register" in text else ()))

@@ -95,7 +95,7 @@ def _load_entries(plan: Plan) -> dict[str, list[CellEntry]]:
     if not records:
         message = f"{plan.matrix}: nothing of it was measured here; run it first, or name a report.json with --report"
         raise BadInput(message)
-    causes = shipped_signatures.beside(opened.folder)
+    causes = shipped_signatures.load_knowledge(opened.folder)
     return _by_id(document.build(records, [dated], {here.id: here.facts}, store.now(), knowledge=causes).cells)
 
 

@@ -226,7 +226,7 @@ def _hints(request: BisectRequest, line: Candidates, bad: int, base: Trial | Non
 def _working_versions(request: BisectRequest) -> Iterator[str]:
     """Yield versions of the package in working cells with the same environments, of this store and of reports."""
     envs = {case.env for case in request.cell.cases if case.env}
-    knowledge = shipped_signatures.beside(request.opened.folder)
+    knowledge = shipped_signatures.load_knowledge(request.opened.folder)
     for record in request.opened.cells():
         alike = envs & {case.env for case in record.cell.cases}
         if alike and record.installed:

@@ -70,7 +70,7 @@ def main(args: argparse.Namespace) -> int:
         runner = scheduler.Runner(opened, settings, board)
         installed = [runner.measure(_bare(cell)).installed or {} for cell in (first, second)]
         comparisons = [_compare(first, second, pair, opened, settings, board) for pair in pairs]
-    moved = families.moved(*installed)
+    moved = families.moved_packages(*installed)
     compared = zip(pairs, comparisons, strict=True)
     entries = tuple(_entry(pair, found, (first, second), opened) for pair, found in compared)
     if args.json:

@@ -17,7 +17,7 @@ from harness.machine import store
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.reports.answers import result_index
-from harness.reports.answers.recommended_text import wrapped
+from harness.reports.answers.recommended_text import wrap_line
 from harness.running.signatures import issue_texts, shipped_signatures
 from harness.standalone.explain import explain
 from harness.standalone.explain.explain import HELP, split
@@ -68,7 +68,7 @@ def _open(identifier: str) -> int:
     """Print a known issue; the exit code is 0. Raises BadInput."""
     issue = known_issues.find(identifier, issue_texts.load(), result_index.load().cells)
     width = shutil.get_terminal_size().columns
-    print("\n".join(text for line in known_issues.lines(issue) for text in wrapped(line, width)))
+    print("\n".join(text for line in known_issues.lines(issue) for text in wrap_line(line, width)))
     return 0
 
 

@@ -38,7 +38,7 @@ def issue(record: CellRecord, entry: CellEntry, opened: Store) -> str:
         instant=record.measured,
         texts=dict(_texts(record, entry, opened.folder)),
     )
-    return redacting.redacted(upstream.issue(failing), find_private_names())
+    return redacting.redact(upstream.issue(failing), find_private_names())
 
 
 def is_red(entry: CellEntry) -> bool:

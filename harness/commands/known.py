@@ -19,7 +19,7 @@ from harness.model.report_types import format_count
 from harness.model.vocabulary import required_name
 from harness.reports.answers import measured_cells, result_index
 from harness.reports.answers.measured_cells import CellResult
-from harness.reports.answers.recommended_text import wrapped
+from harness.reports.answers.recommended_text import wrap_line
 from harness.running.signatures import issue_texts
 from harness.standalone.output import print_json
 
@@ -60,7 +60,7 @@ def main(args: argparse.Namespace) -> int:
         print_json(msgspec.json.encode(answer))
         return 0
     width = shutil.get_terminal_size().columns
-    print("\n".join(text for line in _lines(answer, args.name) for text in wrapped(line, width)))
+    print("\n".join(text for line in _lines(answer, args.name) for text in wrap_line(line, width)))
     return 0
 
 

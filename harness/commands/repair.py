@@ -120,7 +120,7 @@ def repair_all(
     # This very run has just measured the cells, so its results are reused, also under --fresh and --only-failed.
     settings, bounds = replace(settings, fresh=False, again=False), Bounds(runs=RUNS, minutes=MINUTES)
     cured = []
-    for ended in repairs.every(records, opened, lambda cell: _lab(cell, opened, settings, bounds, board)):
+    for ended in repairs.repair_every(records, opened, lambda cell: _lab(cell, opened, settings, bounds, board)):
         document = proofs.document(ended.lab, ended.repaired, shlex.join(["simmatrix", "repair", ended.cell.id]))
         document = write(document, ended.repaired, _folder(opened, ended.cell))
         does = "; ".join(document.remedy.does) if document.remedy else ""

@@ -124,7 +124,7 @@ def _read(sources: Sequence[Path], out: Path | None) -> Document:
     if len(sources) == 1:
         return document.relocate(documents[0], _carried(sources[0].parent, out)) if out else documents[0]
     moved = [_moved(made, source, out or Path()) for made, source in zip(documents, sources, strict=True)]
-    return document.combined(moved)
+    return document.combine(moved)
 
 
 def _moved(source_report: Document, source: Path, target: Path) -> Document:

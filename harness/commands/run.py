@@ -96,7 +96,7 @@ def _run_remedies(
     plans: Sequence[Plan], records: Sequence[CellRecord], opened: store.Store, settings: scheduler.Settings
 ) -> tuple[list[Plan], tuple[CellRecord, ...]]:
     """Run red cells again with the remedies of known failures. Return the plans with these cells, and their records."""
-    knowledge, recipes = shipped_signatures.beside(opened.folder), partial(open_matrix.recipes, Path())
+    knowledge, recipes = shipped_signatures.load_knowledge(opened.folder), partial(open_matrix.recipes, Path())
     assessed = {plan.matrix: [assess(record, knowledge) for record in _of(plan, records)] for plan in plans}
     cells = [cell for plan in plans for cell in remedy_trials.make_trials(plan.cells, assessed[plan.matrix], recipes)]
     if not cells:
@@ -105,7 +105,9 @@ def _run_remedies(
     tell(f"{format_count(len(cells), 'red cell')} to be run again, each with the remedy of a known failure")
     with progress.Progress(len(cells), settings.jobs, publishing.headline) as board:
         more = scheduler.run(cells, opened, settings, board)
-    return [remedy_trials.beside(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
+    return [
+        remedy_trials.add_trials(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans
+    ], more
 
 
 def _run_repairs(
@@ -117,7 +119,9 @@ def _run_repairs(
     with progress.Progress(0, 1, publishing.headline) as board:
         more = repair.repair_all(records, opened, settings, board)
     cells = [record.cell for record in more]
-    return [remedy_trials.beside(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
+    return [
+        remedy_trials.add_trials(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans
+    ], more
 
 
 def _of(plan: Plan, records: Sequence[CellRecord]) -> list[CellRecord]:

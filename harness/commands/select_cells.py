@@ -29,7 +29,7 @@ def durations(files: Iterable[Path]) -> dict[str, float]:
     seconds: dict[str, float] = {}
     for file in files:
         content = given_files.read_content(file, f"--durations {file}")
-        seconds |= shards.recorded(document.read(content, str(file)))
+        seconds |= shards.recorded_seconds(document.read(content, str(file)))
     return seconds
 
 
@@ -72,5 +72,5 @@ def _failed(cell: Cell, opened: Store, here: str, today: str) -> bool:
     record = publishing.load_record(opened, here, cell)
     if record is None:
         return False
-    assessment = assess(record, shipped_signatures.beside(opened.folder), today)
+    assessment = assess(record, shipped_signatures.load_knowledge(opened.folder), today)
     return assessment.verdict is Verdict.INCONCLUSIVE or assessment.as_expected is False

@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from harness.commands import find_cell, issuing, shipped_cell
-from harness.judging.known_failures import counted
+from harness.judging.known_failures import select_counting
 from harness.machine import store
 from harness.machine.store import Store
 from harness.matrix import plan
@@ -125,7 +125,7 @@ def _document(records: Sequence[CellRecord], all_records: Sequence[CellRecord], 
     planned = Plan(matrix=cell.matrix, cells=tuple(cells.values()), axes=tuple(cell.axes))
     machines = {record.machine: opened.load_machine(record.machine) for record in records}
     locate = publishing.seen_from_here(opened.folder)
-    causes = shipped_signatures.beside(opened.folder)
+    causes = shipped_signatures.load_knowledge(opened.folder)
     report = document.build(together, [planned], machines, store.now(), locate, knowledge=causes)
     return document.only(report, {cell.id})
 
@@ -143,7 +143,7 @@ def _lines(cell: CellEntry) -> Iterator[str]:
         yield f"  not verified: {name}"
     yield from _expectation(cell)
     yield from _change(cell)
-    for cell_diagnosis in counted(cell):
+    for cell_diagnosis in select_counting(cell):
         yield from _diagnosis(cell_diagnosis)
     for suite_diagnosis in (cell.suite.diagnoses or ()) if cell.suite else ():
         yield from _diagnosis(suite_diagnosis)

@@ -6,7 +6,7 @@ import argparse
 
 from harness.commands import ad_hoc_cell, arguments
 from harness.judging.assess import assess
-from harness.judging.exercised import unregistered
+from harness.judging.exercised import unregistered_id
 from harness.machine import store, this_machine
 from harness.model import Verdict
 from harness.model.errors import BadInput
@@ -38,10 +38,10 @@ def main(args: argparse.Namespace) -> int:
         planned = ad_hoc_cell.plan_cell(args, given, opened, scheduler.Runner(opened, settings, board))
         (record,) = scheduler.run(planned.cells, opened, settings, board)
     # Only the run shows that nothing registers an id. A mistyped id is bad input and no fact about packages.
-    wrong = unregistered(record)
+    wrong = unregistered_id(record)
     if wrong:
         raise BadInput(wrong)
-    knowledge = shipped_signatures.beside(opened.folder)
+    knowledge = shipped_signatures.load_knowledge(opened.folder)
     assessed = assess(record, knowledge)
     if args.json:
         here = this_machine.facts()

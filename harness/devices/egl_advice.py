@@ -188,7 +188,7 @@ def recommend(variables: Variables, here: DrawingSupport) -> Advice | None:
     if best is None or not best[0]:
         return None
     advice = best[2]
-    after = applied(advice, variables)
+    after = apply_advice(advice, variables)
     results = [predict(who, after, here) for who in LIBRARIES]
     devices = {result.device for result in results if result.error is None}
     failing = [who.name for who, result in zip(LIBRARIES, results, strict=True) if result.error]
@@ -200,7 +200,7 @@ def recommend(variables: Variables, here: DrawingSupport) -> Advice | None:
     return Advice(variables=advice.variables, unset=unset, reason=reason)
 
 
-def applied(advice: Advice, variables: Variables) -> dict[str, str]:
+def apply_advice(advice: Advice, variables: Variables) -> dict[str, str]:
     """Return the variables after the advice is applied."""
     rest = {name: value for name, value in variables.items() if name not in advice.unset}
     return {**rest, **advice.variables}
@@ -231,7 +231,7 @@ def _worth(advice: Advice, variables: Variables, here: DrawingSupport) -> tuple[
     The key is (whether most libraries draw on the named device, how many draw there, how many draw at all). Without a
     named device every library that draws counts as right.
     """
-    after = applied(advice, variables)
+    after = apply_advice(advice, variables)
     results = [predict(who, after, here) for who in LIBRARIES]
     drawing = [result for result in results if result.error is None]
     place = advice.variables.get(EGL_ID)

@@ -17,7 +17,7 @@ from harness.judging.identity import Failure
 from harness.judging.known_failures import NOTHING_KNOWN, Knowledge
 from harness.judging.verdict import Judgement, Outcomes, judge
 from harness.matrix.signatures import Signature
-from harness.model import CASE_PHASES, RANK, CellRecord, Finding, Level, Observed, Phase, PhaseRecord, Verdict
+from harness.model import CASE_PHASES, RANK, CellRecord, Finding, Level, Observation, Phase, PhaseRecord, Verdict
 from harness.model.report_types import UNTOLD
 from harness.standalone.failures import matching, silent
 from harness.standalone.failures.matching import Around, Diagnosis, Evidence
@@ -71,7 +71,7 @@ class Assessed:
         return self._judged.decisive
 
     @property
-    def observed(self) -> Observed | None:
+    def observed(self) -> Observation | None:
         """Return the cell's observation behind that line; None if the line is not ours."""
         return self._judged.observed
 
@@ -84,7 +84,7 @@ class Assessed:
     @property
     def fulfilled(self) -> bool:
         """Tell whether all that was asked for passed, and no silent issue is left open."""
-        return expectation.fulfilled(self.verdict, self.phases, self.unverified)
+        return expectation.is_fulfilled(self.verdict, self.phases, self.unverified)
 
     @property
     def untold(self) -> bool:
@@ -179,11 +179,11 @@ class Assessed:
 
     @cached_property
     def _expected(self) -> tuple[bool | None, str | None]:
-        return expectation.expected(self.record.cell, self, self.today, self._names)
+        return expectation.compare_expected(self.record.cell, self, self.today, self._names)
 
     def _names(self) -> tuple[str, ...]:
         """Return the ids by which an expectation may name the known failures of the cell, former ones among them."""
-        signatures = [one.signature for one in known_failures.nameable(self)]
+        signatures = [one.signature for one in known_failures.select_nameable(self)]
         return tuple(str(name) for one in signatures for name in (one.id, *one.formerly))
 
     @property

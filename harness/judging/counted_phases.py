@@ -14,7 +14,7 @@ from harness.model import (
     CaseRecord,
     CellRecord,
     Level,
-    Observed,
+    Observation,
     Outcome,
     Phase,
     PhaseRecord,
@@ -35,11 +35,11 @@ def step_outcome(step: Step | None) -> Outcome | None:
 
 def reason(record: PhaseRecord) -> str | None:
     """Return why a phase ended as it did: its own line, or that of its first check that ended so."""
-    own = (check.decisive for check in misleading.settled(record.checks) if check.outcome is record.outcome)
+    own = (check.decisive for check in misleading.deciding_checks(record.checks) if check.outcome is record.outcome)
     return record.decisive or next((line for line in own if line), None)
 
 
-def observed(record: PhaseRecord, line: str | None) -> Observed | None:
+def find_observation(record: PhaseRecord, line: str | None) -> Observation | None:
     """Return the cell's observation behind a line of a phase: of a check, or of a finding that the case requires."""
     checks = ((check.observed, check.decisive) for check in record.checks)
     findings = ((found.observed, f"{found.check}: {found.text}") for found in record.findings)

@@ -22,7 +22,7 @@ def discount_phase(record: PhaseRecord, control: ControlRecord | None) -> PhaseR
     failing = [check for check in record.checks if check.outcome in FAILING]
     if record.outcome not in FAILING and not failing:
         return record
-    if record.outcome in FAILING and not misleading.settled(failing):  # a finding that may not be there
+    if record.outcome in FAILING and not misleading.deciding_checks(failing):  # a finding that may not be there
         check = _suspect(record.phase.value, control)
         return (
             replace(record, outcome=Outcome.INFRA, decisive=_describe_discount(control, check, record.decisive))
@@ -30,7 +30,7 @@ def discount_phase(record: PhaseRecord, control: ControlRecord | None) -> PhaseR
             else record
         )
     checks = tuple(_discount_check(check, control) for check in record.checks)
-    counting = misleading.settled(checks)
+    counting = misleading.deciding_checks(checks)
     worst = min((check.outcome for check in counting), key=list(Outcome).index, default=record.outcome)
     decisive = next((check.decisive for check in counting if check.outcome is worst), None)
     return replace(record, outcome=worst, decisive=decisive, checks=checks)

@@ -15,7 +15,7 @@ ONLY_IMPORT = "only the import was tried"
 OWN = "what no id names is run by a callable that makes it: --env MODULE:CALLABLE"
 
 
-def exercised(evidence: CellRecord) -> frozenset[str]:
+def exercised_packages(evidence: CellRecord) -> frozenset[str]:
     """Return the packages that the environments of a cell really ran, as their checks noted."""
     checks = (check for case in evidence.cases for check in _checks(case))
     return frozenset(name for check in checks for name in check.facts.get("exercised", ()))
@@ -23,7 +23,7 @@ def exercised(evidence: CellRecord) -> frozenset[str]:
 
 def idle(evidence: CellRecord) -> tuple[str, ...]:
     """Return the requested packages of which nothing was run; none if no environment came so far."""
-    ran = exercised(evidence)
+    ran = exercised_packages(evidence)
     return tuple(name for name in evidence.cell.asked if name not in ran) if ran else ()
 
 
@@ -40,14 +40,14 @@ def import_fact(case: CaseRecord, name: str) -> Any:
     return next((check.facts[name] for check in checks if name in check.facts), None)
 
 
-def lacking(evidence: CellRecord) -> str | None:
+def missing_arguments(evidence: CellRecord) -> str | None:
     """Return in words the arguments that an environment needs and nobody named; None if none is lacking."""
     phases = (phase for case in evidence.cases for phase in case.phases)
     messages = (finding.text for phase in phases for finding in phase.findings if finding.check == ARGUMENTS)
     return next((f"{evidence.cases[0].env} {text}" for text in messages), None)
 
 
-def unregistered(evidence: CellRecord) -> str | None:
+def unregistered_id(evidence: CellRecord) -> str | None:
     """Return a message about an environment id that nothing registers; None if there is no such id."""
     for case in evidence.cases:
         fact = import_fact(case, "unregistered")

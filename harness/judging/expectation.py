@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Protocol
 
-from harness.model import Cell, Expectation, Observed, Outcome, Phase, Verdict
+from harness.model import Cell, Expectation, Observation, Outcome, Phase, Verdict
 from harness.model.report_types import SEVERITY, UNTOLD
 from harness.model.words import contains as observes
 from harness.model.words import sentence_pattern
@@ -32,21 +32,21 @@ class Judged(Protocol):
         """Return the line that says why."""
 
     @property
-    def observed(self) -> Observed | None:
+    def observed(self) -> Observation | None:
         """Return the cell's observation behind that line; None if the line is not ours, or it is unknown."""
 
 
-def expected(cell: Cell, judged: Judged, today: str, names: Names) -> tuple[bool | None, str | None]:
+def compare_expected(cell: Cell, judged: Judged, today: str, names: Names) -> tuple[bool | None, str | None]:
     """Return whether a cell is as expected (None where nothing can be said), and why its expectation is stale, if so.
 
     `today` is an ISO date or instant. A cell without expectation is expected to work.
     """
     judgeable = not (cell.tried and cell.tried.proving)
-    stale = outdated(cell.id, judged.verdict, cell.expect, today) if cell.expect else None
-    return met(cell.expect, judged, names) if judgeable else None, stale
+    stale = reason_stale(cell.id, judged.verdict, cell.expect, today) if cell.expect else None
+    return is_met(cell.expect, judged, names) if judgeable else None, stale
 
 
-def met(expect: Expectation | None, judged: Judged, names: Names) -> bool | None:
+def is_met(expect: Expectation | None, judged: Judged, names: Names) -> bool | None:
     """Return whether a verdict is what was expected; None where it says nothing about the packages."""
     if judged.verdict in UNTOLD:
         return None
@@ -56,12 +56,12 @@ def met(expect: Expectation | None, judged: Judged, names: Names) -> bool | None
     return (
         judged.verdict is expect.verdict
         and expect.phase in {None, judged.phase}
-        and says(expect, judged.decisive, judged.observed)
+        and matches_line(expect, judged.decisive, judged.observed)
         and (expect.signature is None or expect.signature in names())
     )
 
 
-def says(expect: Expectation, line: str | None, seen: Observed | None) -> bool:
+def matches_line(expect: Expectation, line: str | None, seen: Observation | None) -> bool:
     """Return whether a line and the observation behind it are as expected. Old documents have the line alone."""
     if expect.code is not None and seen is not None:
         return observes(expect.code, expect.data, seen)
@@ -70,23 +70,23 @@ def says(expect: Expectation, line: str | None, seen: Observed | None) -> bool:
     return expect.match is None or re.search(expect.match, line or "") is not None
 
 
-def fulfilled(verdict: Verdict, phases: Mapping[Phase, Outcome], unverified: Iterable[str] = ()) -> bool:
+def is_fulfilled(verdict: Verdict, phases: Mapping[Phase, Outcome], unverified: Iterable[str] = ()) -> bool:
     """Return whether a cell is plainly good, or at least does all that was asked for: import alone never `works`."""
     outcomes = {outcome for outcome in phases.values() if outcome is not Outcome.SKIPPED}
     imports = phases.get(Phase.IMPORT) is Outcome.PASSED and outcomes == {Outcome.PASSED}
     return plainly_good(verdict, unverified) or (verdict is Verdict.NOT_RUN and imports)
 
 
-def outdated(cell_id: str, verdict: Verdict, expect: Expectation, today: str) -> str | None:
+def reason_stale(cell_id: str, verdict: Verdict, expect: Expectation, today: str) -> str | None:
     """Return why the expectation of a cell is stale: the cell does better, or its time has passed."""
     if verdict not in UNTOLD and SEVERITY.index(verdict) > SEVERITY.index(expect.verdict):
         return f"{cell_id} does better than expected: {verdict} instead of {expect.verdict}"
-    if passed(expect, today):
+    if is_over(expect, today):
         return f"{cell_id} was expected to be {expect.verdict} until {expect.until}, which has passed"
     return None
 
 
-def passed(expect: Expectation, today: str) -> bool:
+def is_over(expect: Expectation, today: str) -> bool:
     """Return whether the last day of an expectation is over."""
     # Dates of this form compare as texts; without a `today`, its empty text is before every day.
     return bool(expect.until) and today[:10] > str(expect.until)[:10]

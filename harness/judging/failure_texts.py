@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from harness.judging.counted_phases import observed
+from harness.judging.counted_phases import find_observation
 from harness.matrix.signatures import Sighting
 from harness.model import FAILING, CellRecord, Phase, PhaseRecord, Step
 from harness.model.words import in_words
@@ -69,7 +69,7 @@ def build_evidence(phase: Phase, reasons: Iterable[str | None], logs: Iterable[s
 def _sightings(phase: PhaseRecord, reasons: Iterable[str | None]) -> Iterator[Sighting]:
     """Yield the cell's observations of a phase: those behind the lines that say why, then those of its findings."""
     for line in dict.fromkeys(reasons):
-        seen = observed(phase, line)
+        seen = find_observation(phase, line)
         if line and seen:
             yield Sighting(observed=seen, line=line, is_reason=True)
     for finding in phase.findings:

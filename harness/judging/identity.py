@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from harness.judging.expectation import Judged
-from harness.judging.known_failures import Explained, counted, has_causes
+from harness.judging.known_failures import Explained, has_causes, select_counting
 from harness.model import Phase
 from harness.model.vocabulary import CHANGING
 
@@ -36,5 +36,5 @@ def failure(cell: Explainable) -> Failure | None:
     """Return the failure of a cell; None if it works, or nothing is known about its packages."""
     if not has_causes(cell.verdict):
         return None
-    causes = tuple(one.name for one in counted(cell))
+    causes = tuple(one.name for one in select_counting(cell))
     return Failure(phase=cell.phase, causes=causes, line=cell.decisive or "")

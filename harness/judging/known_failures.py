@@ -77,11 +77,11 @@ class Explained(Protocol[T_co]):
         """Return the lines that say why."""
 
 
-def counted(cell: Explained[T]) -> tuple[T, ...]:
+def select_counting(cell: Explained[T]) -> tuple[T, ...]:
     """Return the known failures that count in a cell, the deepest cause first."""
     return counting.select_counting(cell.diagnoses, counting.stated_in(cell.reasons))
 
 
-def nameable(cell: Explained[T]) -> list[T]:
+def select_nameable(cell: Explained[T]) -> list[T]:
     """Return the known failures that an expectation may name."""
-    return counting.nameable(cell.diagnoses, counting.stated_in(cell.reasons))
+    return counting.select_nameable(cell.diagnoses, counting.stated_in(cell.reasons))

@@ -14,15 +14,15 @@ from harness.judging.counted_phases import (
     ON_REQUEST,
     Cases,
     counts,
-    observed,
+    find_observation,
     reason,
     step_outcome,
     suite_not_run,
     suite_phase,
 )
-from harness.judging.exercised import ONLY_IMPORT, idle, lacking, nothing_of
+from harness.judging.exercised import ONLY_IMPORT, idle, missing_arguments, nothing_of
 from harness.judging.runs import misleading
-from harness.model import CASE_PHASES, FAILING, CellRecord, Observed, Outcome, Phase, PhaseRecord, Verdict, worst
+from harness.model import CASE_PHASES, FAILING, CellRecord, Observation, Outcome, Phase, PhaseRecord, Verdict, worst
 
 AFTER_IMPORT = frozenset({Verdict.PARTIAL, Verdict.BROKEN})
 
@@ -42,7 +42,7 @@ class Judgement:
     phase: Phase | None = None
     decisive: str | None = None
     unverified: tuple[str, ...] = ()
-    observed: Observed | None = None
+    observed: Observation | None = None
 
 
 def judge(evidence: CellRecord, cases: Cases) -> Judgement:
@@ -50,7 +50,7 @@ def judge(evidence: CellRecord, cases: Cases) -> Judgement:
     suite = suite_phase(evidence)
     phases = _cell_phases(evidence, cases, suite)
     verdict = _verdict(evidence, cases, suite)
-    needed = lacking(evidence) if evidence.cell.asked and verdict in AFTER_IMPORT else None
+    needed = missing_arguments(evidence) if evidence.cell.asked and verdict in AFTER_IMPORT else None
     if needed:
         return Judgement(verdict=Verdict.NOT_RUN, phases=phases, decisive=needed)
     missed = idle(evidence)
@@ -70,7 +70,7 @@ def judge(evidence: CellRecord, cases: Cases) -> Judgement:
         phase=phase,
         decisive=decisive,
         unverified=_unverified(cases, suite) if verdict is Verdict.WORKS else (),
-        observed=next((seen for case in cases for one in case if (seen := observed(one, decisive))), None),
+        observed=next((seen for case in cases for one in case if (seen := find_observation(one, decisive))), None),
     )
 
 
@@ -115,7 +115,7 @@ def _judge_installed(cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord 
         for outcome in (Outcome.PASSED, Outcome.FAILED)
     )
     if Verdict.IMPORT_FAILS not in {best, poorest} and any(
-        misleading.shown(phase.checks) for case in cases for phase in case
+        misleading.misleading_checks(phase.checks) for case in cases for phase in case
     ):
         return Verdict.MISLEADS
     return best if best is poorest else Verdict.INCONCLUSIVE
@@ -193,7 +193,9 @@ def _deciding(verdict: Verdict) -> frozenset[Outcome]:
 
 def _find_contradiction(cases: Iterable[Iterable[PhaseRecord]]) -> tuple[Phase, str | None]:
     """Return the first phase, and in it the first case, in which a case contradicts its own specification."""
-    contradictions = ((phase, check) for case in cases for phase in case for check in misleading.shown(phase.checks))
+    contradictions = (
+        (phase, check) for case in cases for phase in case for check in misleading.misleading_checks(phase.checks)
+    )
     phase, check = min(contradictions, key=lambda pair: CASE_PHASES.index(pair[0].phase))
     return phase.phase, check.decisive
 

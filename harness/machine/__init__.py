@@ -1,4 +1,4 @@
-"""Know and use this machine: processes under the supervisor, files and locks, interpreters, displays, memory."""
+"""Use this machine: processes under the supervisor, files and file locks, interpreters, displays, memory."""
 
 __all__ = [
     "console",

@@ -15,22 +15,22 @@ DPKG = "dpkg-query"
 
 def describe_missing(names: tuple[str, ...]) -> str | None:
     """Return a sentence with the missing packages and their `apt install`; None if none is missing or dpkg is."""
-    installed_names = installed(names)
+    installed_names = installed_packages(names)
     lacking = [] if installed_names is None else [name for name in names if name not in installed_names]
     if not lacking:
         return None
     return f"no {', '.join(lacking)} here: run `apt install {' '.join(lacking)}`"
 
 
-def unchecked(names: tuple[str, ...]) -> tuple[Finding, ...]:
+def note_unchecked(names: tuple[str, ...]) -> tuple[Finding, ...]:
     """Return a note if there is no dpkg-query to ask: the cell is run, and fails if a package is missing."""
-    if not names or installed(names) is not None:
+    if not names or installed_packages(names) is not None:
         return ()
     text = f"whether {', '.join(names)} are here could not be looked up: this system has no {DPKG}"
     return (Finding(check="install.system", level=Level.NOTE, text=text),)
 
 
-def installed(names: tuple[str, ...]) -> frozenset[str] | None:
+def installed_packages(names: tuple[str, ...]) -> frozenset[str] | None:
     """Return the packages among `names` that are installed; None where the system has no dpkg-query."""
     program = shutil.which(DPKG)
     return _installed(program, names) if names and program else frozenset() if program else None

@@ -25,7 +25,7 @@ from typing import Any, Self, get_type_hints, overload
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.supervisor import SIZE, tree
 from harness.model.errors import BadInput, CouldNotTell
-from harness.model.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, raise_unreadable
 
 SUPERVISOR = Path(__file__).parent / "supervisor" / "__main__.py"
 SANDBOXES = ("pid+overlay", "pid+readonly", "subreaper+overlay", "subreaper+readonly", "subreaper")
@@ -275,7 +275,7 @@ def run(command: Command) -> Completed:
         return running.wait()
 
 
-def unstarted(command: Command, reason: str) -> Completed:
+def not_started(command: Command, reason: str) -> Completed:
     """Return the result of a command that could not even be started; `killed` is the reason."""
     return Completed(argv=command.argv, log=command.log, killed=reason)
 
@@ -288,7 +288,7 @@ def stop() -> None:
             running.kill("interrupted")
 
 
-def stopped() -> bool:
+def is_stopped() -> bool:
     """Return whether `stop` was called: results that come back now say nothing."""
     return _stopped.is_set()
 
@@ -362,7 +362,7 @@ def _report(text: bytes) -> Report | None:
     """Read the report of a supervisor, if it is one: a command with enough rights may have written into its pipe."""
     stream = io.BytesIO(text)
     try:
-        with understanding():
+        with raise_unreadable():
             report = marshal.load(stream)
     except Unreadable:
         return None

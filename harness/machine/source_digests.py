@@ -24,12 +24,12 @@ IMPORT = re.compile(
 def digest(module: str) -> str:
     """Return a digest of the sources of a module and of all our modules that it imports, directly or not."""
     combined = hashlib.sha256()
-    for name, path in sorted(imported(module).items()):
+    for name, path in sorted(imported_files(module).items()):
         combined.update(name.encode() + b"\0" + path.read_bytes() + b"\0" + _data(path) + b"\0")
     return combined.hexdigest()[:32]
 
 
-def imported(module: str) -> dict[str, Path]:
+def imported_files(module: str) -> dict[str, Path]:
     """Return the files of a module and of all our modules that it imports, directly or not, by module name."""
     files: dict[str, Path] = {}
     waiting = [module]

@@ -23,7 +23,7 @@ from harness.machine.files import guarded_files
 from harness.machine.files.file_locks import exclusive
 from harness.model import Cell, CellRecord, Finding, Interpreter, Lock, Outcome, Question, Step, cellid
 from harness.model.errors import BadInput
-from harness.model.hostile_data import Absent, Unreadable, understanding
+from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 
 T = TypeVar("T")
 
@@ -130,7 +130,7 @@ def load_or_make(kind: str, mark: str, make: Callable[[], bytes], check: Callabl
     try:
         folder = cache_folder() / "remembered" / kind
         name = digest(mark)
-        with suppress(Unreadable), understanding():
+        with suppress(Unreadable), raise_unreadable():
             content = guarded_files.read(folder / name, MOST_RECORD)
             check(content)
             return content
@@ -323,7 +323,7 @@ def _instant(path: Path) -> str | None:
     """Return the instant that a file holds; None where there is none, or it is damaged."""
     try:
         text = guarded_files.text(path, MOST_INSTANT)
-        with understanding():
+        with raise_unreadable():
             datetime.fromisoformat(text)
     except Absent:
         return None

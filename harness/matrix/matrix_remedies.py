@@ -13,7 +13,7 @@ from harness.matrix.signatures import Signature
 from harness.model.schema import locate_errors, suggestion
 
 
-def named(matrix: Matrix) -> list[tuple[matrix_file.Keys, str]]:
+def named_failures(matrix: Matrix) -> list[tuple[matrix_file.Keys, str]]:
     """Return the ids of known failures that the matrix names, each with its place."""
     places: list[tuple[matrix_file.Keys, str | None]] = [
         (("expect", index, "signature"), one.signature) for index, one in enumerate(matrix.expect)
@@ -27,7 +27,7 @@ def named(matrix: Matrix) -> list[tuple[matrix_file.Keys, str]]:
 def fill(matrix: Matrix, signatures: Iterable[Signature]) -> Matrix:
     """Return the matrix with its `remedy_of` changes filled in. Raises BadInput for an unknown failure."""
     ids: dict[str, Signature] = {one.id: one for one in signatures}
-    for path, name in named(matrix):
+    for path, name in named_failures(matrix):
         with locate_errors(matrix.path, *path):
             if name not in ids:
                 message = f'no signature is called "{name}"{suggestion(name, ids)}'

@@ -111,7 +111,7 @@ def _check_origin(release: ReleaseTable, table: RecipeTable) -> None:
         raise ValueError(message)
 
 
-def fitting(repairs: Iterable[Repair], question: Question) -> tuple[Repair, ...]:
+def fitting_recipes(repairs: Iterable[Repair], question: Question) -> tuple[Repair, ...]:
     """Return the repairs of releases that a question may resolve to: allowed by its bounds, and uploaded in time."""
     lines = (*question.requirements, *question.constraints)
     # An override replaces every other bound on its package, and so it does here.
@@ -132,7 +132,7 @@ def select_by_hash(repairs: Iterable[Repair], hashes: Iterable[str]) -> tuple[Re
     return tuple(one for one in repairs if one.wheel in wheels)
 
 
-def described(repair: Repair) -> str:
+def describe_edits(repair: Repair) -> str:
     """Describe the changed lines in a few words."""
     changes = ", ".join(f"`{edit.field}: {edit.old}` to `{edit.new}`" for edit in repair.edits)
     return f"{repair.name} {repair.version}: {changes}"

@@ -15,7 +15,7 @@ from msgspec import Meta, convert, field
 from msgspec.structs import asdict
 
 from harness.matrix.matrix_types import Table
-from harness.model import Change, Observed, Phase
+from harness.model import Change, Observation, Phase
 from harness.model.errors import BadInput
 from harness.model.schema import load_toml, locate_errors
 from harness.model.vocabulary import Api, Checked, Label, Pattern, Requirement, Word, check_specifier
@@ -178,7 +178,7 @@ class Signature(Table, frozen=True, kw_only=True):
         """Return the codes of observations in which it shows."""
         return (self.code,) if isinstance(self.code, str) else self.code or ()
 
-    def observes(self, observed: Observed) -> bool:
+    def observes(self, observed: Observation) -> bool:
         """Return whether an observation has one of its codes and fits its data."""
         return any(contains(code, self.data, observed) for code in self.codes)
 
@@ -252,6 +252,6 @@ def _check_silent(signature: Signature) -> str | None:
 class Sighting:
     """An observation with the line that it stands in; `is_reason` marks a line that says why something failed."""
 
-    observed: Observed
+    observed: Observation
     line: str
     is_reason: bool

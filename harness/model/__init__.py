@@ -1,4 +1,4 @@
-"""Speak the words that every room shares: cells, plans, locks, records; frozen values and enums, without I/O.
+"""Hold the values that every room shares: cells, plans, locks, records, observations; frozen, without I/O.
 
 The values are loaded at the first use of one: errors, which every start needs, do without them.
 """

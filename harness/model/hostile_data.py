@@ -24,7 +24,7 @@ class Absent(Unreadable):
 
 
 @contextmanager
-def understanding() -> Iterator[None]:
+def raise_unreadable() -> Iterator[None]:
     """Turn every error of a reader into Unreadable; that this machine has nothing left stays an OSError."""
     try:
         yield
@@ -68,7 +68,7 @@ def shallow(plain: object, deepest: int = DEEPEST) -> bool:
 def json_object(line: str | bytes) -> dict[str, Any] | None:
     """Return the JSON object of a line; None where it is cut short, or anything else."""
     try:
-        with understanding():
+        with raise_unreadable():
             plain = json.loads(line)
     except Unreadable:
         return None

@@ -116,7 +116,7 @@ class Level(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class Observed:
+class Observation:
     """An observation of a check in the cell, as a code and data; `model.words` has the sentence.
 
     `at` is the step at which it was seen, where that is known; `got` and `promised` are such as shapes.
@@ -140,7 +140,7 @@ class Finding:
     check: str
     level: Level
     text: str
-    observed: Observed | None = field(default=None, compare=False)
+    observed: Observation | None = field(default=None, compare=False)
 
 
 # --- what is asked for -----------------------------------------------------------------------------------------
@@ -516,7 +516,7 @@ class CheckRecord:
     decisive: str | None = None
     masked_by: str | None = None
     facts: Mapping[str, Any] = field(default_factory=dict)
-    observed: Observed | None = None
+    observed: Observation | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -658,7 +658,7 @@ class WorkerRecord:
     exit_code: int | None = None
     stacks: str | None = None
     reached: str | None = None
-    observed: Observed | None = None
+    observed: Observation | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -675,7 +675,7 @@ class CheckReply:
     reason: str | None = None
     workers: tuple[WorkerRecord, ...] = ()
     facts: Mapping[str, Any] = field(default_factory=dict)
-    observed: Observed | None = None
+    observed: Observation | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

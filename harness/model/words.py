@@ -18,7 +18,7 @@ from string import Formatter
 from types import MappingProxyType
 from typing import Any
 
-from harness.model import Observed
+from harness.model import Observation
 
 VIOLATION = "ContractViolation"
 """The type of the exception by which a check says that something contradicts what it promises."""
@@ -74,7 +74,7 @@ def split(template: str) -> tuple[tuple[str, str, str], ...]:
 # --- sentences -------------------------------------------------------------------------------------------------
 
 
-def sentence(observed: Observed) -> str:
+def sentence(observed: Observation) -> str:
     """Return an observation in words. One of an unknown code, or that lacks data, is written as it came."""
     return truncate(_sentence(observed.code, values(observed), 0))
 
@@ -85,7 +85,7 @@ def in_words(plain: object) -> str | None:
     return truncate(_sentence(*observation, 0)) if observation else None
 
 
-def values(observed: Observed) -> dict[str, Any]:
+def values(observed: Observation) -> dict[str, Any]:
     """Return what the fields of a template are filled with."""
     return _values(observed.data, observed.got, observed.promised)
 
@@ -153,12 +153,12 @@ def truncate(text: str) -> str:
 # --- looking for observations ----------------------------------------------------------------------------------
 
 
-def contains(code: str, wanted: Mapping[str, Any], observed: Observed) -> bool:
+def contains(code: str, wanted: Mapping[str, Any], observed: Observation) -> bool:
     """Tell whether an observation, or one within it, has this code and data that meet these conditions."""
     return any(name == code and _fits(wanted, said) for name, said in _all(observed))
 
 
-def _all(observed: Observed) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def _all(observed: Observation) -> Iterator[tuple[str, Mapping[str, Any]]]:
     """Yield code and values of an observation and of those within it."""
     observation: tuple[str, Mapping[str, Any]] | None = (observed.code, values(observed))
     for _ in range(DEEPEST):
@@ -196,7 +196,7 @@ def sentence_pattern(code: str, wanted: Mapping[str, Any]) -> str:
 
 def _expression(template: str, wanted: Mapping[str, Any]) -> str:
     parts = split(template)
-    return "".join(escaped(text) + (_field(name, form, wanted.get(name)) if name else "") for text, name, form in parts)
+    return "".join(escape(text) + (_field(name, form, wanted.get(name)) if name else "") for text, name, form in parts)
 
 
 def _field(name: str, form: str, condition: Any) -> str:
@@ -206,7 +206,7 @@ def _field(name: str, form: str, condition: Any) -> str:
         texts = phrases().get(_key(name, form), ())
         fitting = [text for text in texts if condition.keys() <= {field for _, field, _ in split(text)}]
         return f"(?:{'|'.join(_expression(text, condition) for text in fitting)})"
-    return f"(?:{condition})" if isinstance(condition, str) else escaped(_shown(name, form, condition, 0))
+    return f"(?:{condition})" if isinstance(condition, str) else escape(_shown(name, form, condition, 0))
 
 
 def recognise(line: str) -> tuple[str, dict[str, str]] | None:
@@ -220,12 +220,12 @@ def recognise(line: str) -> tuple[str, dict[str, str]] | None:
     )
     fitting = {code: match for code, match in matches if match and _literals(code) >= FEWEST}
     code = max(fitting, key=_literals, default=None)
-    return (code, {name: escaped(text) for name, text in fitting[code].groupdict().items()}) if code else None
+    return (code, {name: escape(text) for name, text in fitting[code].groupdict().items()}) if code else None
 
 
 def _groups(template: str) -> str:
     """Return an expression for a whole sentence, each field that is no table a group."""
-    parts = ((escaped(text), name, _key(name, form)) for text, name, form in split(template))
+    parts = ((escape(text), name, _key(name, form)) for text, name, form in split(template))
     groups = ((text, ANY if key in phrases() else f"(?P<{name}>{ANY})" if name else "") for text, name, key in parts)
     return "".join(text + group for text, group in groups)
 
@@ -251,6 +251,6 @@ def refusal(code: str | None, wanted: Mapping[str, Any]) -> str | None:
     return f'"{code}" alone fits any text of a library; write "data", or a pattern' if vague else None
 
 
-def escaped(text: str) -> str:
+def escape(text: str) -> str:
     """Return a regular expression of a text that means the same in Python and in a browser."""
     return SPECIAL.sub(r"\\\g<0>", text)

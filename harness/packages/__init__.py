@@ -1,4 +1,4 @@
-"""Turn requirements into an environment: the index, uv, locks, and the package under test."""
+"""Turn requirements into an environment: the index, uv, locks, what is installed, and the package under test."""
 
 __all__ = [
     "download_notice",

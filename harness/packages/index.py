@@ -31,7 +31,7 @@ from packaging.version import Version
 from harness.machine.store import sha256_of
 from harness.model import Artifact, IndexSettings
 from harness.model.errors import BadInput, CouldNotTell
-from harness.packages.index_settings import NOTHING, UserIndex, combined
+from harness.packages.index_settings import NOTHING, UserIndex, combine
 from harness.packages.network_bounds import MOST_PAGE, Overdue, Watch, in_time
 
 if TYPE_CHECKING:
@@ -107,14 +107,14 @@ def releases(
     files of find-links places stay. With `offline` only folders and `file:` indexes answer.
     Raises IndexUnreachable, or UnknownPackage when no place has such a package.
     """
-    places = combined(matrix)
+    places = combine(matrix)
     with closing(_Client(places, offline=offline, patience=patience)) as client:
         return _grouped(_listed(client, places, name), name, cutoff)
 
 
 def find(name: str, sha256: str, matrix: IndexSettings = NOTHING, *, offline: bool = False) -> Artifact:
     """Return the file of a package with this SHA-256. Raises IndexUnreachable if no place lists it."""
-    places = combined(matrix)
+    places = combine(matrix)
     with closing(_Client(places, offline=offline)) as client:
         for file in _listed(client, places, name):
             if _version(file.name, name) is not None and _sha256(file) == sha256:
@@ -167,7 +167,7 @@ def fetch(
     with tempfile.NamedTemporaryFile(dir=target.parent, delete=False) as file:
         temporary = Path(file.name)
     try:
-        with closing(_Client(combined(matrix), offline=offline, patience=patience)) as client:
+        with closing(_Client(combine(matrix), offline=offline, patience=patience)) as client:
             client.download(artifact.source, temporary)
         _check(temporary, artifact)
         # `tempfile` makes files that only their owner may read; many machines may share a folder of `simmatrix fetch`.

@@ -1,6 +1,6 @@
 """Read where the user's uv and pip take packages from, as their variables and files set it.
 
-`settings` reads them, `combined` puts a matrix's places before them.
+`settings` reads them, `combine` puts a matrix's places before them.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def settings() -> UserIndex:
     return _together(_uv_variables(), *map(_uv_file, _uv_files()), _pip_settings())
 
 
-def combined(matrix: IndexSettings) -> UserIndex:
+def combine(matrix: IndexSettings) -> UserIndex:
     """Return the user's places with the matrix's before them; the matrix's default replaces the user's."""
     own = UserIndex(default=matrix.default, extra=matrix.extra, find_links=matrix.find_links, no_index=matrix.no_index)
     return _together(own, settings())

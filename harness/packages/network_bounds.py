@@ -63,7 +63,7 @@ def in_time(work: Callable[[Watch], T], seconds: float, *, slowest: float = floa
     # A daemon: an abandoned thread must not hold up the end of the command.
     Thread(target=run, daemon=True).start()
     try:
-        while not process.stopped() and monotonic() < began + seconds + watch.received / slowest:
+        while not process.is_stopped() and monotonic() < began + seconds + watch.received / slowest:
             try:
                 return future.result(LOOK_SECONDS)
             except TimeoutError:
@@ -72,4 +72,4 @@ def in_time(work: Callable[[Watch], T], seconds: float, *, slowest: float = floa
                     return future.result()
     finally:
         watch.over.set()
-    raise Overdue("interrupted" if process.stopped() else "its answer does not end; try again later")
+    raise Overdue("interrupted" if process.is_stopped() else "its answer does not end; try again later")

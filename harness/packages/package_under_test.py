@@ -32,7 +32,7 @@ from harness.model import (
     schema,
 )
 from harness.model.errors import BadInput, CouldNotTell
-from harness.model.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, raise_unreadable
 from harness.packages import locks
 from harness.packages.environments import environments, site_packages
 from harness.packages.requirement_files import project
@@ -179,7 +179,7 @@ def _memories(subject: Subject, interpreter: Interpreter, question: Question) ->
 
 def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> SubjectWheel:
     try:
-        with understanding():
+        with raise_unreadable():
             name, version, _, tags = parse_wheel_filename(path.name)
             with zipfile.ZipFile(path) as archive:
                 entries = sorted((info.filename, info.CRC, info.file_size) for info in archive.infolist())

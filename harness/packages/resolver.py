@@ -193,7 +193,7 @@ def _failure(result: uv_command.Result, asking: _Asking) -> Step:
     if step.outcome is Outcome.FAILED and asking.offline and _is_remote(asking.question.index):
         decisive = f"offline, what the caches hold does not tell; run without --offline: {step.decisive}"
         return replace(step, outcome=Outcome.INFRA, decisive=decisive)
-    name = uv_failures.unlisted(result.text)
+    name = uv_failures.unlisted_package(result.text)
     if step.outcome is not Outcome.FAILED or name is None or asking.offline:
         return step
     try:
@@ -208,7 +208,7 @@ def _failure(result: uv_command.Result, asking: _Asking) -> Step:
 
 def _is_remote(settings: IndexSettings) -> bool:
     """Return whether packages are looked for on the network."""
-    places = index_settings.combined(settings)
+    places = index_settings.combine(settings)
     # `https://` stands for the default index, which uv knows by itself.
     indexes = () if places.no_index else (*places.extra, places.default or "https://")
     return any("://" in place and not place.startswith("file:") for place in (*places.find_links, *indexes))
@@ -266,7 +266,7 @@ def _found_builds(asking: _Asking) -> list[Version]:
     """Return the CPU builds of torch in find-links folders that fit the interpreter, newest first."""
     supported_tags = locks.tags(asking.interpreter)
     versions = set()
-    for folder in map(Path, index_settings.combined(asking.question.index).find_links):
+    for folder in map(Path, index_settings.combine(asking.question.index).find_links):
         for path in folder.glob("torch-*+cpu*.whl"):
             _, version, _, tags = parse_wheel_filename(path.name)
             if any(tag in supported_tags for tag in tags):

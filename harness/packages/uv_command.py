@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 
 from harness.machine import process
-from harness.machine.files.file_locks import use
+from harness.machine.files.file_locks import mark_used
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import cache_folder, state_folder, write_atomic
 from harness.model import IndexSettings, Interpreter
@@ -77,8 +77,8 @@ def scratch() -> Iterator[Path]:
 
 def compile_lock(call: Call, interpreter: Interpreter, arguments: Iterable[str], output: Path) -> Result:
     """Resolve for an interpreter; uv logs to its output when it looks into an sdist, or cannot read a file."""
-    use(call.cache)
-    user_index = index_settings.combined(call.index)
+    mark_used(call.cache)
+    user_index = index_settings.combine(call.index)
     no_index = ("--no-index",) if user_index.no_index else ()
     options = ("--python", interpreter.path, "--no-header", "--output-file", str(output), *no_index)
     # Without this log `uv_failures.met_source` and `uv_failures.unreadable` find nothing.
@@ -98,7 +98,7 @@ def install(call: Call, python: Path, pylock: Path, settings: Path, link_mode: s
 
     No index is asked for packages; uv is still told of them, since their logins are for the files too.
     """
-    use(call.cache)
+    mark_used(call.cache)
     options = ("--no-deps", "--no-build", "--preview-features", "pylock", "--link-mode", link_mode)
     return _run(call, ("pip", "install", "--python", str(python), "-r", str(pylock), *options), settings=settings)
 
@@ -165,7 +165,7 @@ def _trouble(completed: process.Completed) -> str | None:
 
 
 def _environment(call: Call) -> dict[str, str]:
-    user_index = index_settings.combined(call.index)
+    user_index = index_settings.combine(call.index)
     # uv reads no settings file of the user here: what such files say of trust comes as variables; the shell's own win.
     variables = {**user_index.trust, **{name: value for name, value in os.environ.items() if PASSED_ON.fullmatch(name)}}
     given = {

@@ -100,7 +100,7 @@ def unreadable(text: str) -> str | None:
     return f"{match[1]} came broken from its index: {shorten_line(match[2])}; try again" if match else None
 
 
-def unlisted(text: str) -> str | None:
+def unlisted_package(text: str) -> str | None:
     """Return the package that is asked for and of which uv saw no version at all; None if there is none."""
     match = NO_VERSION.search(str(_parse_message(text)))
     return match[1] if match else None

@@ -102,14 +102,14 @@ def boundaries(
                     after=after,
                     cells=pair,
                     comparison=comparison,
-                    moved=moved(installed[pair[0]], installed[pair[1]]),
+                    moved=moved_packages(installed[pair[0]], installed[pair[1]]),
                     between=tuple(values[places[0] + 1 : places[1]]),
                 )
             )
     return result
 
 
-def moved(first: Mapping[str, str], second: Mapping[str, str]) -> dict[str, tuple[str | None, str | None]]:
+def moved_packages(first: Mapping[str, str], second: Mapping[str, str]) -> dict[str, tuple[str | None, str | None]]:
     """Return the packages whose versions differ between two locks, with both versions."""
     names = sorted(first.keys() | second.keys())
     return {name: (first.get(name), second.get(name)) for name in names if first.get(name) != second.get(name)}

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.model.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, raise_unreadable
 
 MOST_BYTES, MOST_PARTS = 32 << 20, 64
 FACTS, HASH = "facts", "sha256"
@@ -30,7 +30,7 @@ def decode(content: bytes) -> dict[str, NDArray[Any]]:
         message = f"it is longer than {MOST_BYTES} bytes"
         raise Unreadable(message)
     arrays = {}
-    with understanding(), zipfile.ZipFile(io.BytesIO(content)) as archive:
+    with raise_unreadable(), zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = archive.infolist()
         if len(members) > MOST_PARTS or sum(one.file_size for one in members) > MOST_BYTES:
             message = f"it holds more than {MOST_PARTS} arrays or {MOST_BYTES} bytes"
@@ -46,20 +46,20 @@ def decode(content: bytes) -> dict[str, NDArray[Any]]:
 
 def seal(arrays: Arrays) -> bytes:
     """Return a compressed file of these arrays that carries the hash of its numbers."""
-    new_facts = {**facts(arrays), HASH: hashed(arrays)}
+    new_facts = {**facts(arrays), HASH: hash_arrays(arrays)}
     return encode(with_facts(arrays, new_facts), zipfile.ZIP_DEFLATED)
 
 
 def unseal(content: bytes) -> dict[str, NDArray[Any]]:
     """Return the arrays of a file that `seal` made. Raises Unreadable, also if any number was altered."""
     arrays = decode(content)
-    if facts(arrays).get(HASH) != hashed(arrays):
+    if facts(arrays).get(HASH) != hash_arrays(arrays):
         message = "its numbers are not those that it was written with"
         raise Unreadable(message)
     return arrays
 
 
-def hashed(arrays: Arrays) -> str:
+def hash_arrays(arrays: Arrays) -> str:
     """Return the SHA-256 of the numbers, and of all facts but itself."""
     new_facts = {name: fact for name, fact in facts(arrays).items() if name != HASH}
     return hashlib.sha256(encode(with_facts(arrays, new_facts))).hexdigest()
@@ -88,7 +88,7 @@ def facts(arrays: Arrays) -> dict[str, Any]:
     """Return the facts of a file, empty where it has none. Raises Unreadable."""
     if FACTS not in arrays:
         return {}
-    with understanding():
+    with raise_unreadable():
         decoded: dict[str, Any] = msgspec.json.decode(arrays[FACTS].tobytes(), type=dict[str, Any])
     return decoded
 

@@ -62,7 +62,7 @@ class Request:
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
-class End:
+class RunEnd:
     """The end of a run's process: `exit_code` or `signal`; neither if it never ran.
 
     `timed_out` is whether the time for the whole run was over, `overran` the limit of one check (seconds) that was,
@@ -123,7 +123,7 @@ class ProbeRun:
 
     request: Request
     program: Mapping[str, str]
-    end: End
+    end: RunEnd
     host: Host
     files: Mapping[str, str]
     measured: str

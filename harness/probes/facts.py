@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from harness.model.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, raise_unreadable
 
 MOST_NUMBERS = 1_000
 """floats of a trajectory: as many entries as hold them; `cell_trace.py` keeps to it."""
@@ -74,12 +74,12 @@ RECORDED: Mapping[str, Any] = {
 """The type of each fact that is recorded for later judging."""
 
 
-def believed(facts: Mapping[str, Any]) -> tuple[Mapping[str, Any], str | None]:
+def drop_mistyped(facts: Mapping[str, Any]) -> tuple[Mapping[str, Any], str | None]:
     """Return the facts of a check without those of a wrong type, and the reason why some were left out, if any."""
     wrong: dict[str, str] = {}
     for name in sorted(RECORDED.keys() & facts.keys()):
         try:
-            with understanding():
+            with raise_unreadable():
                 _measure(msgspec.convert(facts[name], RECORDED[name]))
         except Unreadable as error:
             wrong[name] = f"its fact {name} is left out: {error}"

@@ -21,7 +21,7 @@ from harness.machine.files.guarded_files import Folder
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import digest, own_folders
 from harness.model import Case, Phase, ProbeReply, ProbeRequest
-from harness.model.hostile_data import Absent, Unreadable, understanding
+from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 from harness.packages.environments import bytecode
 from harness.packages.environments.site_packages import LEADS_ON
 from harness.probes import program, wire
@@ -187,8 +187,8 @@ def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left:
                 completed, overran = _watch(seen.command, left, allowed)
                 lost, places = seen.lost(), seen.places
         except display.NoDisplayError as error:
-            completed, overran, lost, places = process.unstarted(command, str(error)), None, None, {}
-    completed = watched(place, completed)
+            completed, overran, lost, places = process.not_started(command, str(error)), None, None, {}
+    completed = run_watched(place, completed)
     return ProbeResult(
         reply=_reply(left),
         completed=completed,
@@ -253,7 +253,7 @@ def _prepare_environment(site: Site, scratch: Path) -> tuple[Path, tuple[Path, .
     return target, ()
 
 
-def watched(place: Workplace, completed: process.Completed) -> process.Completed:
+def run_watched(place: Workplace, completed: process.Completed) -> process.Completed:
     """Return how a run ended, with the files that it wrote into its copy of the environment, if it had one."""
     if place.folder == place.site.folder:
         return completed
@@ -337,7 +337,7 @@ class _Follower:
         return self._records != before
 
     def _take(self, line: bytes) -> None:
-        with suppress(Unreadable), understanding():
+        with suppress(Unreadable), raise_unreadable():
             record = _glances.decode(line)
             if record.kind in ("start", "check", "end"):
                 self.latest = record.check or self.latest

@@ -15,7 +15,7 @@ from harness.model import Outcome
 from harness.model.hostile_data import Unreadable
 from harness.packages.environments import bytecode
 from harness.probes import array_files, bare_start, launch, program, thumbnails
-from harness.probes.evidence import BANK, GIVEN, OUTPUTS, PICTURE, REPLY, STEP, End, Host, ProbeRun, Request
+from harness.probes.evidence import BANK, GIVEN, OUTPUTS, PICTURE, REPLY, STEP, Host, ProbeRun, Request, RunEnd
 from harness.probes.vault import MOST_FILE, Vault, keep_files
 from harness.standalone.failures.lines import normalise
 
@@ -90,9 +90,9 @@ def end_of(
     overran: float | None = None,
     full: bool = False,
     lost: str | None = None,
-) -> End:
+) -> RunEnd:
     """Return how a process ended, without this machine's paths."""
-    return End(
+    return RunEnd(
         exit_code=done.exit_code,
         signal=done.signal,
         timed_out=done.timed_out,

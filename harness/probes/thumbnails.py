@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import re
 
-from harness.model.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, raise_unreadable
 
 WIDTH = 192
 LARGEST = 64 << 20
@@ -35,7 +35,7 @@ def thumbnail(content: bytes) -> bytes | None:
 
     pixels = np.frombuffer(content, dtype=np.uint8, count=height * width * 3, offset=header.end())
     try:
-        with understanding():
+        with raise_unreadable():
             image = Image.fromarray(pixels.reshape((height, width, 3), order="F" if header[1] == b"True" else "C"))
             image.thumbnail((WIDTH, WIDTH))
     except Unreadable:

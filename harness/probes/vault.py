@@ -19,7 +19,7 @@ import msgspec
 
 from harness.machine.files import guarded_files
 from harness.machine.store import write_atomic, write_changed
-from harness.model.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, raise_unreadable
 from harness.probes.evidence import ARRAYS, PICTURE, ProbeRun, Reading, folder_of
 
 MOST_RUN, MOST_CLAIM, MOST_FILE = 4 << 20, 4 << 20, 64 << 20
@@ -111,7 +111,7 @@ class Vault:
 
     def _run(self, name: str) -> ProbeRun:
         content = self.content(name, MOST_RUN)
-        with understanding():
+        with raise_unreadable():
             return guarded_files.decoder(ProbeRun).decode(content)
 
     def _lay(self, name: str, run: ProbeRun) -> None:

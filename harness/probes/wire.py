@@ -42,16 +42,16 @@ from harness.model import (
     CheckReply,
     Finding,
     Level,
-    Observed,
+    Observation,
     Outcome,
     ProbeReply,
     ProbeRequest,
     Raised,
     WorkerRecord,
 )
-from harness.model.hostile_data import Unreadable, json_object, shallow, understanding
+from harness.model.hostile_data import Unreadable, json_object, raise_unreadable, shallow
 from harness.model.words import VIOLATION, sentence
-from harness.probes.facts import believed
+from harness.probes.facts import drop_mistyped
 
 LONGEST_LINE = 1 << 20
 MOST_LINES = 20_000
@@ -141,8 +141,10 @@ class _Observed(Struct, forbid_unknown_fields=True, frozen=True):
     promised: Any
     data: dict[Name, Any]
 
-    def of(self, check: str) -> Observed:
-        return Observed(check=check, code=self.code, at=self.at, got=self.got, promised=self.promised, data=self.data)
+    def of(self, check: str) -> Observation:
+        return Observation(
+            check=check, code=self.code, at=self.at, got=self.got, promised=self.promised, data=self.data
+        )
 
     @property
     def refusal(self) -> str | None:
@@ -152,7 +154,7 @@ class _Observed(Struct, forbid_unknown_fields=True, frozen=True):
         return f"what it observed is longer than {LONGEST_OBSERVED} bytes" if size > LONGEST_OBSERVED else None
 
 
-def _violation(observed: Observed) -> Raised:
+def _violation(observed: Observation) -> Raised:
     """Return the cell's observation as the exception that its check raised, in words."""
     return Raised(type=VIOLATION, message=sentence(observed), traceback="", blame="library")
 
@@ -289,7 +291,7 @@ class _Sequence:
         if not line.endswith(b"\n"):
             return None, "cut short"
         try:
-            with understanding():
+            with raise_unreadable():
                 record = self.decoder.decode(line)
         except Unreadable as error:
             return None, f"not a record: {error}"
@@ -356,7 +358,7 @@ class _Reading:
         started = self.checks.get(record.check)
         if started is None or started.outcome is not None:
             return f"{record.check} ends without having been started"
-        facts, refusal = believed(record.facts)
+        facts, refusal = drop_mistyped(record.facts)
         outcome, seen = Outcome(record.outcome), record.observed.of(record.check) if record.observed else None
         violation = seen if outcome is Outcome.FAILED and not record.raised else None
         raised = record.raised.to_raised() if record.raised else None
@@ -396,7 +398,7 @@ class _Diary:
     check: str | None = None
     reached: str | None = None
     raised: Raised | None = None
-    observed: Observed | None = None
+    observed: Observation | None = None
 
     def worker(self, pid: int, stacks: str) -> WorkerRecord:
         """Return the record of the worker as far as it is known."""

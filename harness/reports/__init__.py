@@ -1,4 +1,4 @@
-"""Make documents of assessed cells, and all that is shown of them: tables, texts, answers, packs of evidence."""
+"""Make documents of assessed cells, and all that is shown of them: tables, texts, recommendations, packs."""
 
 __all__ = [
     "doctor_pyz",

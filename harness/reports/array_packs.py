@@ -15,7 +15,7 @@ from hashlib import sha256
 import msgspec
 import numpy as np
 
-from harness.model.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, raise_unreadable
 from harness.probes import array_files
 
 WIDTH = 8
@@ -78,7 +78,7 @@ def unpack(members: Mapping[str, bytes]) -> dict[str, bytes]:
     for name, member in members.items():
         folder, _, file = name.partition("/")
         if folder == FILES:
-            with understanding():
+            with raise_unreadable():
                 contents = msgspec.json.decode(member, type=Contents)
                 files[file] = array_files.join({part: arrays[sha] for part, sha in contents.arrays})
             if sha256(files[file]).hexdigest() != file:

@@ -55,7 +55,7 @@ def content(signatures: tuple[Signature, ...], results: Measured) -> bytes:
         **{f"{INSIDE}/{name}": file.read_bytes() for name, file in ours.items()},
         f"{INSIDE}/signatures.json": json.dumps([one.as_file for one in signatures], sort_keys=True).encode(),
         f"{INSIDE}/{adapters.CARRIED}": adapters.encode_declarations(),
-        f"{INSIDE}/measured.json.gz": digest.packed(results),
+        f"{INSIDE}/measured.json.gz": digest.pack(results),
     }
     buffer = io.BytesIO(SHEBANG)
     # Without the seek the archive would overwrite the first line.

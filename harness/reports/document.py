@@ -407,7 +407,7 @@ def paths(document: Document) -> frozenset[str]:
     return frozenset(names)
 
 
-def combined(documents: Sequence[Document]) -> Document:
+def combine(documents: Sequence[Document]) -> Document:
     """Merge several documents. If a cell was measured twice on one machine, the later result counts."""
     cells: dict[tuple[str, str | None], CellEntry] = {}
     for entry in (entry for document in documents for entry in document.cells):

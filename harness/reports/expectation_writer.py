@@ -14,14 +14,14 @@ from dataclasses import dataclass
 from itertools import combinations, permutations
 from typing import Any
 
-from harness.judging.expectation import expected
-from harness.judging.known_failures import nameable
+from harness.judging.expectation import compare_expected
+from harness.judging.known_failures import select_nameable
 from harness.matrix.matrix_types import ExpectTable, Matrix
 from harness.model import Cell, Phase, Verdict, cellid, schema
 from harness.model.errors import BadInput
 from harness.model.report_types import UNTOLD, CellEntry, word
 from harness.model.vocabulary import When, alternatives, matcher
-from harness.model.words import escaped, recognise
+from harness.model.words import escape, recognise
 from harness.reports.merging import natural
 
 LONGEST = 160
@@ -84,7 +84,7 @@ def reds(cells: Iterable[Cell], entries: Mapping[str, Sequence[CellEntry]], toda
 
 def as_expected(cell: Cell, entry: CellEntry, today: str) -> tuple[bool | None, str | None]:
     """Return whether a result fits the matrix's present expectation, and why that is out of date, if it is."""
-    return expected(cell, entry, today, lambda: [one.signature for one in nameable(entry)])
+    return compare_expected(cell, entry, today, lambda: [one.signature for one in select_nameable(entry)])
 
 
 # --- the tables ------------------------------------------------------------------------------------------------
@@ -127,7 +127,7 @@ def _line(lines: Sequence[str]) -> str:
     # A code still fits after the words of our sentence have changed; a pattern for these words would not.
     first, *others = [recognise(line) for line in lines] or [None]
     if first is None or any(other != first for other in others):
-        match = "|".join(escaped(_cut(line)) for line in lines)
+        match = "|".join(escape(_cut(line)) for line in lines)
         return f"match = {_string(match)}" if match else ""
     code, data = first
     values = ", ".join(f"{name} = {_string(value)}" for name, value in data.items() if len(value) <= LONGEST)

@@ -71,7 +71,7 @@ def main(folders: Sequence[Path], *, write: bool, as_json: bool) -> int:
             if write:
                 _write(again)
     if as_json and documents:
-        print_json(document.encode(document.combined(documents)))
+        print_json(document.encode(document.combine(documents)))
     print(f"{format_count(len(folders) - untold, 'report')} judged again, {altered or 'none'} altered", file=sys.stderr)
     return (1 if altered and not write else 0) or (CouldNotTell.exit_code if untold else 0)
 
@@ -86,7 +86,7 @@ def judge(folder: Path, index: Index, opened: Store) -> JudgedReport:
     records = [replace(record, cell=planned.get(record.cell.id, record.cell)) for record in judged_records]
     machines = {name: facts for one in packed for name, facts in one.machines.items()}
     probes = {name: probe for one in packed for name, probe in one.probes.items()}
-    knowledge, locate = shipped_signatures.beside(opened.folder), publishing.place(records, opened, folder)
+    knowledge, locate = shipped_signatures.load_knowledge(opened.folder), publishing.place(records, opened, folder)
 
     def build(generated: str) -> Document:
         document_made = document.build(records, plans, machines, generated, locate, probes, knowledge=knowledge)

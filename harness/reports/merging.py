@@ -15,7 +15,7 @@ from typing import Any
 
 import msgspec
 
-from harness.judging.expectation import outdated
+from harness.judging.expectation import reason_stale
 from harness.model import Dropped, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import UNTOLD, CellEntry, Document, word
@@ -133,7 +133,7 @@ def _stale(documents: Iterable[Document], cells: Iterable[CellEntry], planned: s
     """Return sentences about stale expectations: of the matrices, and of the merged cells, not as a shard saw them."""
     # A sentence about a cell begins with its id. It is made anew, as another shard may have replaced the result.
     sentences = {text for made in documents for text in made.stale if text.partition(" ")[0] not in planned}
-    of_cells = {outdated(cell.id, cell.verdict, cell.expectation, today) for cell in cells if cell.expectation}
+    of_cells = {reason_stale(cell.id, cell.verdict, cell.expectation, today) for cell in cells if cell.expectation}
     return tuple(sorted(sentences | {text for text in of_cells if text}, key=natural))
 
 

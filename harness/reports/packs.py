@@ -23,7 +23,7 @@ from harness.machine.files import guarded_files
 from harness.machine.store import write_atomic, write_changed
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, PhaseRecord, Plan
 from harness.model.errors import BadInput
-from harness.model.hostile_data import Absent, Unreadable, understanding
+from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 from harness.probes.evidence import PICTURE
 from harness.probes.vault import MOST_FILE, Vault
 from harness.reports import array_packs
@@ -238,7 +238,7 @@ def _unpacked(path: Path, sha: str, state: Path) -> Packed | None:
         if sha256(content) != sha:
             message = "it is not the pack that the index names"
             raise Unreadable(message)
-        with understanding():
+        with raise_unreadable():
             return _extract(content, state)
     except Unreadable as error:
         message = f"{path}: {error}"

@@ -16,7 +16,7 @@ from stat import S_ISDIR
 from typing import NamedTuple
 
 from harness.judging.assess import assess
-from harness.judging.exercised import unregistered
+from harness.judging.exercised import unregistered_id
 from harness.judging.runs.check import phase_of
 from harness.machine import store, this_machine
 from harness.machine.files.file_locks import exclusive
@@ -72,7 +72,7 @@ def headline(record: CellRecord) -> str:
     judged = assess(record)
     where = f" in {judged.phase}" if judged.phase and judged.verdict is not Verdict.UNAVAILABLE else ""
     note = " (reused)" if record.reused else f" ({record.seconds:.1f} s)"
-    if record.cell.asked and unregistered(record):
+    if record.cell.asked and unregistered_id(record):
         return f"no such environment{note}"
     return f"{judged.verdict}{where}{note}"
 
@@ -103,7 +103,7 @@ def publish(
             made_of = freshness.mark(plan, records, here, folder, (used, wanted.pivot))
             report, shown = freshness.read(note, made_of, folder), None
             if report is None:
-                facts, causes = {here.id: here.facts}, shipped_signatures.beside(opened.folder)
+                facts, causes = {here.id: here.facts}, shipped_signatures.load_knowledge(opened.folder)
                 making = partial(document.build, records, [plan], facts, store.now(), probes=used, knowledge=causes)
                 try:
                     report = making(locate=place(records, opened, folder))
@@ -139,10 +139,10 @@ def finish(plans: Sequence[Plan], records: Iterable[CellRecord], opened: Store, 
     """Write the report of each matrix, print the table, and return the exit code of all."""
     measured = {record.cell.id: record for record in records}
     reports = publish(plans, measured, opened, wanted)
-    whole = document.combined([one.document for one in reports])
+    whole = document.combine([one.document for one in reports])
     if wanted.json:
         here_now = [document.relocate(one.document, seen_from_here(one.folder)) for one in reports]
-        print_json(document.encode(document.combined(here_now)))
+        print_json(document.encode(document.combine(here_now)))
     else:
         shown = reports[0].tables if len(reports) == 1 else None
         terminal.show(shown or tables.report(whole, wanted.pivot))

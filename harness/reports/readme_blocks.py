@@ -30,13 +30,13 @@ def renew(file: Path, make: Make) -> int:
     if not BLOCK.search(before):
         message = f"{file}: has no table to make again: `<!-- simmatrix report SOURCE -->`, below it `<!-- end -->`"
         raise BadInput(message)
-    after = renewed(before, file.parent, make)
+    after = renew_text(before, file.parent, make)
     if after != before:
         store.write_atomic(file, after.encode())
     return 0
 
 
-def renewed(text: str, folder: Path, make: Make) -> str:
+def renew_text(text: str, folder: Path, make: Make) -> str:
     """Return a text that lies in a folder, with its blocks made again."""
 
     def block(match: re.Match[str]) -> str:

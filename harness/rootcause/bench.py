@@ -168,7 +168,7 @@ class Bench:
             self._ahead.submit(self._prepare, cell)
 
     def _prepare(self, cell: Cell) -> None:
-        if not process.stopped() and self._controlled(self._runner).find_record(cell) is None:
+        if not process.is_stopped() and self._controlled(self._runner).find_record(cell) is None:
             replace(self._runner, observer=QuietObserver(self.observer)).prepare(cell)
 
     def stop_after(self, phase: Phase) -> None:
@@ -219,7 +219,7 @@ class Bench:
         return ControlledRunner(runner, self._controls)
 
     def _trial(self, record: CellRecord, began: float, *, at_hand: bool) -> Trial:
-        assessed = assess(record, shipped_signatures.beside(self.store.folder))
+        assessed = assess(record, shipped_signatures.load_knowledge(self.store.folder))
         return Trial(
             assessed=assessed,
             failure=assessed.failure,

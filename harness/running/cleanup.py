@@ -122,7 +122,7 @@ def _environments(cache: Path) -> Iterator[Item]:
     for path, status in _folders(cache / "environments"):
         compiled = [place for place in [cache / "pycache" / path.name] if place.is_dir()]
         whole = (path / "stamp.json").is_file()
-        # `file_locks.use` sets the time of the folder at each use, so that it tells the last one.
+        # `file_locks.mark_used` sets the time of the folder at each use, so that it tells the last one.
         yield _item(Kind.ENVIRONMENT, path, *compiled, used=status.st_mtime, waste=not whole)
     for path, _ in _folders(cache / "pycache"):
         if not (cache / "environments" / path.name).is_dir():
@@ -257,7 +257,7 @@ def remove(item: Item) -> bool:
         case Kind.ENVIRONMENT | Kind.WHEEL | Kind.METADATA | Kind.REPOSITORY | Kind.BROUGHT:
             return _removed_unused(item)
         case Kind.UV:
-            with file_locks.unused(item.paths[0]) as free:
+            with file_locks.hold_unused(item.paths[0]) as free:
                 return _free(item, free) and uv_command.tidy("clean")
         case _:
             for path in item.paths:
@@ -276,7 +276,7 @@ def _removed_unused(item: Item) -> bool:
     if making is None:
         return False
     try:
-        with file_locks.unused(place) as free:
+        with file_locks.hold_unused(place) as free:
             if not _free(item, free):
                 return False
             # This scratch folder lies on the disk of the cache: across disks a rename fails.

@@ -18,7 +18,7 @@ from msgspec import Meta, field
 from packaging.utils import canonicalize_name
 
 from harness.judging.assess import assess
-from harness.judging.exercised import unregistered
+from harness.judging.exercised import unregistered_id
 from harness.machine.files import given_files
 from harness.matrix.matrix_types import Table
 from harness.model import (
@@ -123,7 +123,7 @@ def find_controls(record: CellRecord) -> dict[str, Cell | str]:
     # A case with `required` may fail by a finding alone, which only `assess` counts.
     if not any(case.api and (case.required or _fails(case.phases)) for case in record.cases):
         return {}
-    if record.installed is None or record.cell.matrix == MATRIX or unregistered(record) or folder() is None:
+    if record.installed is None or record.cell.matrix == MATRIX or unregistered_id(record) or folder() is None:
         return {}
     # `assess` counts a failure that a control shares as infra: the record would no longer ask for that control.
     plain = replace(record, controls={}) if record.controls else record

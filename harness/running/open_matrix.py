@@ -80,7 +80,7 @@ def gather(
     """
     path = fetched.matrix(name)[1] if fetched else locate(name)
     matrix = matrix_file.read(_text(path), str(path))
-    if matrix_remedies.named(matrix):
+    if matrix_remedies.named_failures(matrix):
         matrix = matrix_remedies.fill(matrix, shipped_signatures.load_all())
     # Both are UTC in one form, in which texts sort as instants do (`Instant.canonical`).
     if matrix.snapshot and matrix.snapshot > now():

@@ -38,7 +38,7 @@ from harness.model.vocabulary import required_name
 from harness.packages import package_under_test
 from harness.packages.package_under_test import TESTS, SubjectWheel
 from harness.probes import launch
-from harness.probes.evidence import JUNIT, LOG, MODULES, End, Host, ProbeRun, Request
+from harness.probes.evidence import JUNIT, LOG, MODULES, Host, ProbeRun, Request, RunEnd
 from harness.probes.measure import end_of
 from harness.probes.vault import Vault, keep_files
 from harness.standalone.failures.lines import normalise, shorten_line
@@ -130,16 +130,16 @@ class Bench:
             except CouldNotTell as error:
                 host = replace(self.host, source=str(error))
                 # Kept as a run, too: judging makes infra of `source`, which the next run measures again.
-                return self._store_run(request, key, End(), host, {})
+                return self._store_run(request, key, RunEnd(), host, {})
             remove_modules(source, self.package)
             end, host, texts = self._ran(request.limits[CHECK], scratch, source, left)
         return self._store_run(request, key, end, host, texts)
 
-    def _ran(self, seconds: float, scratch: Path, source: Path, left: Folder) -> tuple[End, Host, dict[str, bytes]]:
+    def _ran(self, seconds: float, scratch: Path, source: Path, left: Folder) -> tuple[RunEnd, Host, dict[str, bytes]]:
         site = self.site
         with launch.set_up(site, scratch, CHECK, self.package.modules) as place:
             ran, lost, shown = _shown(_command(self, seconds, place, source), scratch)
-        completed = launch.watched(place, ran)
+        completed = launch.run_watched(place, ran)
         environments = {str(one): "$ENV" for one in (*site.folders, place.folder)}
         places = {**self.places, str(source): SOURCE, str(scratch): "$SCRATCH", **environments, **shown}
 
@@ -153,7 +153,7 @@ class Bench:
         cleaned = {name: clean(text).encode() for name, text in texts.items() if text}
         return end, replace(self.host, stood=stood), cleaned
 
-    def _store_run(self, request: Request, key: str, end: End, host: Host, texts: Mapping[str, bytes]) -> str:
+    def _store_run(self, request: Request, key: str, end: RunEnd, host: Host, texts: Mapping[str, bytes]) -> str:
         run = ProbeRun(
             request=request,
             program={CHECK: launch.file_hash(DOOR)},
@@ -194,7 +194,7 @@ def _shown(command: process.Command, scratch: Path) -> tuple[process.Completed, 
         with display.open_display(command, scratch / "display") as seen:
             return process.run(seen.command), seen.lost(), seen.places
     except display.NoDisplayError as error:
-        return process.unstarted(command, str(error)), None, {}
+        return process.not_started(command, str(error)), None, {}
 
 
 def remove_modules(source: Path, package: SubjectWheel) -> None:

@@ -53,7 +53,7 @@ class Shard:
         return f"{self.number}/{self.count}"
 
 
-def recorded(document: Document) -> dict[str, float]:
+def recorded_seconds(document: Document) -> dict[str, float]:
     """Return the seconds of each cell that was run, by its id; the most of a cell measured on several machines."""
     seconds: dict[str, float] = {}
     for cell in document.cells:

@@ -150,7 +150,7 @@ class VerdictItem(CellItem):
         """Measure and judge the whole cell, and return the outcome."""
         measuring = self.config.stash[SESSION].measuring
         self.record = measuring.whole(self.cell)
-        assessment = assess(self.record, shipped_signatures.beside(measuring.store.folder), store.now())
+        assessment = assess(self.record, shipped_signatures.load_knowledge(measuring.store.folder), store.now())
         self.facts = {**self.read_facts(self.record), "verdict": assessment.verdict.value}
         return judging.judge_cell(assessment)
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from harness.judging.assess import Assessed, assess
-from harness.judging.counted_phases import observed, reason, step_outcome, suite_phase
-from harness.judging.expectation import passed, says
+from harness.judging.counted_phases import find_observation, reason, step_outcome, suite_phase
+from harness.judging.expectation import is_over, matches_line
 from harness.judging.runs import misleading
 from harness.judging.runs.check import NEEDS
-from harness.model import CASE_PHASES, Cell, CellRecord, Expectation, Observed, Outcome, Phase, PhaseRecord, Verdict
+from harness.model import CASE_PHASES, Cell, CellRecord, Expectation, Observation, Outcome, Phase, PhaseRecord, Verdict
 
 POSSIBLE: Mapping[Verdict, frozenset[Phase]] = {
     Verdict.UNRESOLVABLE: frozenset({Phase.RESOLVE}),
@@ -54,7 +54,7 @@ class PhaseResult:
     more: tuple[str, ...] = ()
     evidence: str | None = None
     seconds: float = 0.0
-    observed: Observed | None = None
+    observed: Observation | None = None
 
 
 def collect_phases(record: CellRecord) -> dict[Phase, PhaseResult]:
@@ -142,9 +142,9 @@ def needs(phase: Phase) -> tuple[Phase, ...]:
 
 def is_expected(expect: Expectation | None, at: PhaseResult, today: str) -> bool:
     """Return whether a failure is the expected one, or the same one again in a later phase. After `until`, none is."""
-    if expect is None or passed(expect, today) or at.phase not in POSSIBLE.get(expect.verdict, frozenset()):
+    if expect is None or is_over(expect, today) or at.phase not in POSSIBLE.get(expect.verdict, frozenset()):
         return False
-    fits = says(expect, at.line, at.observed)
+    fits = matches_line(expect, at.line, at.observed)
     if expect.phase in {None, at.phase}:
         return fits
     order = list(Phase)
@@ -155,7 +155,7 @@ def is_expected(expect: Expectation | None, at: PhaseResult, today: str) -> bool
 
 def _convert_phase(record: PhaseRecord) -> PhaseResult:
     """Return a phase as its item reports it. A phase that passed but misleads counts as failed."""
-    shown = misleading.shown(record.checks) if record.outcome is Outcome.PASSED else ()
+    shown = misleading.misleading_checks(record.checks) if record.outcome is Outcome.PASSED else ()
     reasons = tuple(check.decisive for check in shown)
     why = reasons[0] if reasons else reason(record)
     line = f"misleads: {why}" if reasons else why
@@ -168,7 +168,7 @@ def _convert_phase(record: PhaseRecord) -> PhaseResult:
         phase=record.phase,
         outcome=Outcome.FAILED if shown else record.outcome,
         line=line,
-        observed=observed(record, why),
+        observed=find_observation(record, why),
         more=tuple(lines),
         evidence=record.evidence,
         seconds=0.0 if record.reused else record.seconds,

@@ -1,4 +1,4 @@
-"""Explain failures and inspect environments with the standard library alone, on Python 3.7 and later.
+"""Explain failures from logs, inspect environments (`doctor`), with the standard library alone, from Python 3.7 on.
 
 In Python 3.7 to 3.14, with the standard library and itself alone. The host imports it and adds types;
 `simmatrix-doctor.pyz` carries it to where no new Python is.

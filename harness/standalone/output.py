@@ -78,7 +78,7 @@ def _guarded(stream: io.TextIOWrapper) -> TextIO:
     )
 
 
-def styled(stream: TextIO) -> TextIO:
+def style_stream(stream: TextIO) -> TextIO:
     """Return a stream for a library that writes colours of its own."""
     target: Any = _Styled(stream) if isinstance(stream, _Guarded) else stream
     return target  # type: ignore[no-any-return]

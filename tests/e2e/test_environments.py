@@ -64,7 +64,7 @@ def site(environment: Environment) -> Path:
 def use_elsewhere(environment: Environment) -> Iterator[None]:
     """Let another process use the environment during the block."""
     code = "import sys, pathlib; from harness.machine.files import file_locks\n"
-    code += "file_locks.use(pathlib.Path(sys.argv[1])); print('used', flush=True); sys.stdin.read()"
+    code += "file_locks.mark_used(pathlib.Path(sys.argv[1])); print('used', flush=True); sys.stdin.read()"
     argv = [sys.executable, "-c", code, str(environment.path)]
     with subprocess.Popen(argv, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout

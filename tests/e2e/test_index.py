@@ -318,7 +318,7 @@ class TestTrouble:
 
     def test_an_interrupted_command_waits_for_no_answer(self, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
         """After the command has been ended, no thread waits for an index."""
-        monkeypatch.setattr(process, "stopped", lambda: True)
+        monkeypatch.setattr(process, "is_stopped", lambda: True)
 
         with pytest.raises(IndexUnreachable, match="interrupted"):
             releases("pole", page(server, drip))

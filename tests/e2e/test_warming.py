@@ -79,7 +79,7 @@ def test_a_compiler_that_fails_is_a_failed_install(here: bool, ensure: Ensure, m
 
     No usable environment is left.
     """
-    monkeypatch.setattr(debian_packages, "installed", lambda names: frozenset(names) if here else frozenset())
+    monkeypatch.setattr(debian_packages, "installed_packages", lambda names: frozenset(names) if here else frozenset())
     step = ensure("fake-compiles==2.0")
 
     phase, outcome, decisive = expect_failure(step)
@@ -100,18 +100,18 @@ def test_packages_of_the_system() -> None:
     assert debian_packages.describe_missing(("dpkg",)) is None
     told = debian_packages.describe_missing(("dpkg", "no-such-dev", "nor-this-one"))
     assert told == "no no-such-dev, nor-this-one here: run `apt install no-such-dev nor-this-one`"
-    assert debian_packages.unchecked(("no-such-dev",)) == ()
+    assert debian_packages.note_unchecked(("no-such-dev",)) == ()
 
 
 def test_a_system_without_dpkg(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without dpkg the check is reported as not done, and the cell goes on."""
     monkeypatch.setattr(debian_packages, "DPKG", "no-such-dpkg")
     assert debian_packages.describe_missing(("libosmesa6-dev",)) is None
-    (finding,) = debian_packages.unchecked(("libosmesa6-dev", "patchelf"))
+    (finding,) = debian_packages.note_unchecked(("libosmesa6-dev", "patchelf"))
     assert finding.text == (
         "whether libosmesa6-dev, patchelf are here could not be looked up: this system has no no-such-dpkg"
     )
-    assert debian_packages.unchecked(()) == ()
+    assert debian_packages.note_unchecked(()) == ()
 
 
 def test_recipes_that_are_shipped(monkeypatch: pytest.MonkeyPatch) -> None:

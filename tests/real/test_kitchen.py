@@ -55,7 +55,7 @@ def test_the_workers_error_decides_and_a_known_remedy_cures(
     mended = {check: ended[0] for (case, check), ended in found.items() if case == "mended"}
     assert {mended["single.loop"], mended["vector.async.fork"]} == {Outcome.PASSED}
     assert set(mended.values()) <= {Outcome.PASSED, Outcome.SKIPPED}
-    judged = assess(record, shipped_signatures.beside(tmp_path))
+    judged = assess(record, shipped_signatures.load_knowledge(tmp_path))
     assert (judged.verdict, judged.decisive) == (Verdict.PARTIAL, XML)
     first, *_ = judged.diagnoses
     assert first.signature.id == "mujoco-top-level-default-class"

@@ -74,8 +74,8 @@ def test_it_carries_what_was_measured(wheel: Path) -> None:
         names = archive.namelist()
 
     assert len(packed) + len(reports) < MOST
-    assert reports == digest.packed_reports(result_index.report_files())
-    assert packed == digest.packed(result_index.load_shipped())
+    assert reports == digest.pack_reports(result_index.report_files())
+    assert packed == digest.pack(result_index.load_shipped())
     assert not [name for name in names if name.startswith("reports/") or name.endswith("report.json")]
 
 

@@ -75,7 +75,7 @@ def _of_case(folder: Path, cell: CellEntry, case: CaseEntry) -> Measurement:
     works = not early and Outcome.PASSED in ended and ended <= WELL
     lines = {case.decisive, *case.reasons.values(), *case.masked.values()}
     mine = [one for one in cell.diagnoses if one.seen in lines]
-    counted = known_failures.counted(msgspec.structs.replace(cell, diagnoses=tuple(mine) or cell.diagnoses))
+    counted = known_failures.select_counting(msgspec.structs.replace(cell, diagnoses=tuple(mine) or cell.diagnoses))
     causes = tuple(one.signature for one in counted)
     variables = tuple(f"{name}={value}" for name, value in sorted({**cell.environment, **cell.supplied}.items()))
     brought = sorted(map(str, cell.brought or ()))

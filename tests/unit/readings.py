@@ -13,11 +13,11 @@ import msgspec
 from harness.judging.runs.fold import CasePlan, wanted_of
 from harness.model import CASE_PHASES, Case
 from harness.probes import wire
-from harness.probes.evidence import LOG, REPLY, End, Host, ProbeRun, Reading, Request
+from harness.probes.evidence import LOG, REPLY, Host, ProbeRun, Reading, Request, RunEnd
 
 PYTHON = "3.11.7"
 PASSED, FAILED, SKIPPED, DIED = "passed", "failed", "skipped", None
-GOOD = End(exit_code=0, seconds=3.0)
+GOOD = RunEnd(exit_code=0, seconds=3.0)
 HERE = Host(python=PYTHON, conditions="here")
 PROGRAM = "of-today"
 
@@ -87,7 +87,7 @@ def reading(
     request: Request,
     checks: Iterable[Check] = (),
     *,
-    end: End = GOOD,
+    end: RunEnd = GOOD,
     host: Host = HERE,
     texts: Mapping[str, bytes] | None = None,
     program: Mapping[str, str] | None = None,

@@ -68,7 +68,7 @@ def test_files_that_it_names_exist() -> None:
 
 def test_its_tables_are_current() -> None:
     """`simmatrix report --into README.md` would change nothing."""
-    assert readme_blocks.renewed(README, ROOT, report.render_block) == README
+    assert readme_blocks.renew_text(README, ROOT, report.render_block) == README
 
 
 def test_contributors_can_read_of_every_nox_session() -> None:

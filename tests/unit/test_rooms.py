@@ -198,10 +198,10 @@ def test_the_host_knows_only_the_path_of_the_cell_side() -> None:
 FACE = {
     "assess": {"Assessed", "assess"},
     "assessed_case": {"AssessedCase"},
-    "counted_phases": {"observed", "reason", "step_outcome", "suite_phase"},
+    "counted_phases": {"find_observation", "reason", "step_outcome", "suite_phase"},
     "discount": set(),
     "identity": {"Failure", "failure"},
-    "known_failures": {"NOTHING_KNOWN", "Knowledge", "counted", "nameable"},
+    "known_failures": {"NOTHING_KNOWN", "Knowledge", "select_counting", "select_nameable"},
     "verdict": set(),
 }
 """Modules of judging that a verdict is put together of, with what others may take from each."""

@@ -5,9 +5,9 @@ Everything is read from texts; `templates/matrix.toml.j2` makes a file of a draf
 
 from harness.ci.drafts.draft import Draft, Range, of_project, text_of
 from harness.ci.drafts.layout import matrix_folder
-from harness.ci.drafts.project import Case, Project, registered
+from harness.ci.drafts.project import Case, Project, environment_ids
 from harness.ci.drafts.project import read as read_project
-from harness.ci.drafts.suite import SuiteDraft, runtime, suite
+from harness.ci.drafts.suite import SuiteDraft, draft_suite, runtime
 from harness.ci.drafts.workflow import of_legs
 
 __all__ = [
@@ -17,13 +17,13 @@ __all__ = [
     "Range",
     "SuiteDraft",
     "candidates",
+    "draft_suite",
+    "environment_ids",
     "matrix_folder",
     "of_legs",
     "of_project",
     "read_project",
-    "registered",
     "runtime",
-    "suite",
     "text_of",
     "values",
 ]

@@ -91,7 +91,7 @@ def _names_tests(tool: Mapping[str, Any]) -> bool:
     return isinstance(options, Mapping) and bool(options.get("testpaths"))
 
 
-def registered(text: str) -> Iterator[str]:
+def environment_ids(text: str) -> Iterator[str]:
     """Yield the ids of the environments that a module registers by calls with literals."""
     try:
         tree = ast.parse(text)

@@ -33,7 +33,7 @@ class SuiteDraft:
     requirements: tuple[str, ...] = ()
 
 
-def suite(
+def draft_suite(
     extras: Mapping[str, Sequence[str]],
     groups: Mapping[str, Sequence[object]],
     folders: Collection[str],

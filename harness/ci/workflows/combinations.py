@@ -80,7 +80,7 @@ def combinations(matrix: object) -> tuple[Combination, ...]:
     return (*merged, *(Combination(values=entry) for entry in more))
 
 
-def unmatched(matrix: Mapping[str, Any]) -> Iterator[int]:
+def unmatched_excludes(matrix: Mapping[str, Any]) -> Iterator[int]:
     """Yield the indexes of the entries of `exclude` that leave nothing out."""
     axes = {name: values for name, values in matrix.items() if name not in NOT_AXES}
     originals = [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]

@@ -58,7 +58,7 @@ def holds(condition: object, contexts: Contexts) -> bool | None:
     return None if value is UNKNOWN else truth(value)
 
 
-def substituted(text: str, write: Callable[[str, Any], str], contexts: Contexts) -> str:
+def substitute(text: str, write: Callable[[str, Any], str], contexts: Contexts) -> str:
     """Return the text with each expression replaced by the result of `write`, called with it and its value."""
     return EMBEDDED.sub(lambda hit: write(hit[1], evaluate(hit[1], contexts)), text)
 

@@ -20,7 +20,7 @@ from packaging.utils import canonicalize_name
 from harness.ci.workflows import expressions, shell
 from harness.ci.workflows.combinations import Combination
 from harness.ci.workflows.expressions import UNKNOWN, text_of
-from harness.ci.workflows.shell import unmarked
+from harness.ci.workflows.shell import remove_marks
 from harness.model import requirement_texts
 
 SETUPS = ("/setup-python", "/setup-uv", "/setup-miniconda", "/setup-micromamba", "/install-pinned-python")
@@ -110,7 +110,7 @@ class _LegState:
 
     def contexts(self, environment: Mapping[str, str]) -> dict[str, Any]:
         """Return the contexts that decide expressions: `matrix` and `env`."""
-        return {"matrix": dict(self.values), "env": {name: unmarked(text) for name, text in environment.items()}}
+        return {"matrix": dict(self.values), "env": {name: remove_marks(text) for name, text in environment.items()}}
 
     def variables(self, table: object, around: Mapping[str, str]) -> dict[str, str]:
         """Return environment variables, with marks around values of the matrix."""
@@ -126,7 +126,7 @@ class _LegState:
                 marks |= _names(environment.get(name, ""))
             return f"\x01{','.join(sorted(marks))}\x02{_UNREADABLE if value is UNKNOWN else text_of(value)}\x03"
 
-        return expressions.substituted(text, write, self.contexts(environment))
+        return expressions.substitute(text, write, self.contexts(environment))
 
     # --- steps ---
 
@@ -136,7 +136,7 @@ class _LegState:
         for name, value in given.items() if isinstance(given, dict) else ():
             text = self.filled(text_of(value), environment)
             if name == "python-version" and action.partition("@")[0].endswith(SETUPS):
-                self.python = unmarked(text)
+                self.python = remove_marks(text)
                 self.installing |= _names(text)
             else:
                 self.hand_on([value], action)
@@ -150,7 +150,7 @@ class _LegState:
             # In a replacement `re.sub` would read a backslash as an escape.
             text = re.sub(rf"\$(?:{re.escape(name)}\b|\{{{re.escape(name)}\}})", value.replace("\\", "\\\\"), text)
         for words in shell.commands(text):
-            plain = [unmarked(word) for word in words]
+            plain = [remove_marks(word) for word in words]
             names = {name for word in words for name in _names(word)}
             command = shell.install(plain)
             python = shell.python_of(plain)

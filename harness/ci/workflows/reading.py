@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from harness.ci.workflows.combinations import Combination, Unreadable, combinations, unmatched
+from harness.ci.workflows.combinations import Combination, Unreadable, combinations, unmatched_excludes
 from harness.ci.workflows.legs import Leg, leg
 from harness.model.errors import BadInput
 from harness.packages.requirement_files.yaml_texts import readable_yaml
@@ -59,7 +59,7 @@ def _job(name: str, job: Mapping[str, Any]) -> Job:
     except Unreadable as error:
         return Job(name=name, legs=(), notes=(str(error),))
     notes = [*_misread(matrix), *_replaced(combos)]
-    notes += [f"exclude[{index}] leaves nothing out" for index in unmatched(matrix)]  # type: ignore[arg-type]
+    notes += [f"exclude[{index}] leaves nothing out" for index in unmatched_excludes(matrix)]  # type: ignore[arg-type]
     if len(combos) > MOST:
         notes.append(f"{len(combos)} combinations are more than the {MOST} that GitHub runs")
     return Job(name=name, legs=tuple(leg(job, each) for each in combos), notes=tuple(dict.fromkeys(notes)))

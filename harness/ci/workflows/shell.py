@@ -37,7 +37,7 @@ class Install:
     removes: bool = False
 
 
-def unmarked(text: str) -> str:
+def remove_marks(text: str) -> str:
     """Return the text without the marks that name the sources of its values."""
     return MARK.sub("", text)
 
@@ -80,7 +80,7 @@ class _Branch:
 
 def _test(words: Sequence[str]) -> bool | None:
     """Return the result of a test such as `[ a = b ]`, None unless it is all text."""
-    inner = [unmarked(word) for word in words[1:] if word not in {"]", "]]"}]
+    inner = [remove_marks(word) for word in words[1:] if word not in {"]", "]]"}]
     if words[:1] not in (["["], ["[["], ["test"]) or any("$" in word or "`" in word for word in inner):
         return None
     match inner:

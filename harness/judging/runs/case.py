@@ -69,7 +69,7 @@ def _phase(phase: Phase, names: tuple[str, ...], folded: Folded, new: frozenset[
     comparisons = [name for name in folded.ended if name in MISLEADING and phase_of(name) is phase]
     ended = [folded.ended[name] for name in (*names, *comparisons) if name in folded.ended]
     records = [one.confirmed() for one in ended]
-    counting = misleading.settled(records)
+    counting = misleading.deciding_checks(records)
     outcome = worst(record.outcome for record in counting)
     pairs = list(zip(ended, records, strict=True))
     deciding, line = next(

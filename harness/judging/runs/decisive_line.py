@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterable
 
-from harness.model import CheckReply, Observed, Raised, WorkerRecord
+from harness.model import CheckReply, Observation, Raised, WorkerRecord
 from harness.standalone.failures.lines import (
     CAUSE,
     CONTEXT,
@@ -30,7 +30,7 @@ def decisive_of_check(reply: CheckReply) -> tuple[str | None, str | None]:
     return worker, seen
 
 
-def observed_of_check(reply: CheckReply) -> Observed | None:
+def observed_of_check(reply: CheckReply) -> Observation | None:
     """Return the cell's observation behind the decisive line of a check; None if that line is not ours."""
     decisive, mask = decisive_of_check(reply)
     if mask is None:

@@ -159,7 +159,7 @@ def add_run(case_plan: CasePlan, folded: Folded, reading: Reading) -> Folded:
         return replace(folded, ended={**folded.ended, **_confirmed(folded, request, ended)})
     counting = current - request.limits.keys() if request.leads else current
     followers = [check for check in request.followers if check in counting]
-    missed = {check for check in followers if not passed(ended.get(wire.leader_of(check)))}
+    missed = {check for check in followers if not has_passed(ended.get(wire.leader_of(check)))}
     # A leading run stands for what it missed, too, or `todo` would ask for it for ever; `reusable` drops that again.
     followed = dict.fromkeys(followers if request.leads else set(followers) - missed, reading.name)
     ended = {check: one for check, one in ended.items() if check in counting}
@@ -278,7 +278,7 @@ def environment_findings(written: tuple[str, ...], stray: int, phase: Phase) -> 
     return tuple(findings)
 
 
-def passed(ended: Ended | None) -> bool:
+def has_passed(ended: Ended | None) -> bool:
     """Return whether a check is known to have passed."""
     return ended is not None and ended.record.outcome is Outcome.PASSED
 

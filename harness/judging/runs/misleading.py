@@ -17,11 +17,11 @@ COUNTING = frozenset({Outcome.CRASHED, Outcome.TIMED_OUT, Outcome.INFRA})
 """Outcomes of such a check that count in its phase: a dead process is loud, and after infra nothing is known."""
 
 
-def settled(checks: Iterable[CheckRecord]) -> tuple[CheckRecord, ...]:
+def deciding_checks(checks: Iterable[CheckRecord]) -> tuple[CheckRecord, ...]:
     """Return the checks that decide the outcome of a phase; it is the worst of theirs."""
     return tuple(check for check in checks if check.check not in MISLEADING or check.outcome in COUNTING)
 
 
-def shown(checks: Iterable[CheckRecord]) -> tuple[CheckRecord, ...]:
+def misleading_checks(checks: Iterable[CheckRecord]) -> tuple[CheckRecord, ...]:
     """Return the checks by which a case contradicts its own specification."""
     return tuple(check for check in checks if check.check in MISLEADING and check.outcome in SHOWING)

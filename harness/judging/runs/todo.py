@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from harness.judging.runs import misleading
 from harness.judging.runs.check import phase_of, reachable
-from harness.judging.runs.fold import LOOP, REPEAT, RUNS_TO_CONFIRM, CasePlan, Folded, passed
+from harness.judging.runs.fold import LOOP, REPEAT, RUNS_TO_CONFIRM, CasePlan, Folded, has_passed
 from harness.model import (
     FAILING,
     Outcome,
@@ -36,7 +36,7 @@ def _pending(case_plan: CasePlan, folded: Folded) -> list[str]:
     outcomes: dict[Phase, Outcome] = {}
     for check, ended in folded.ended.items():
         phase = phase_of(check)
-        check_outcomes = [one.outcome for one in misleading.settled([ended.record])]
+        check_outcomes = [one.outcome for one in misleading.deciding_checks([ended.record])]
         outcomes[phase] = worst((*check_outcomes, outcomes.get(phase, Outcome.PASSED)))
     return [check for check in case_plan.checks if check not in folded.ended and reachable(phase_of(check), outcomes)]
 
@@ -55,7 +55,7 @@ def _following(case_plan: CasePlan, folded: Folded) -> Request | None:
     for check in case_plan.checks:
         ended = folded.ended.get(check)
         left = tuple(one for one in wire.followers_of([check]) if one not in folded.followed)
-        if left and passed(ended):
+        if left and has_passed(ended):
             limits = {check: _seconds(case_plan, folded, check)}
             return Request(case=case_plan.case, limits=limits, followers=left, leads=True)
     return None

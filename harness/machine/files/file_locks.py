@@ -66,8 +66,8 @@ _marks: dict[Path, int] = {}
 _marking = threading.Lock()
 
 
-def use(folder: Path) -> None:
-    """Mark a folder as used now, and by this process until it ends; until then `unused` does not grant it.
+def mark_used(folder: Path) -> None:
+    """Mark a folder as used now, and by this process until it ends; until then `hold_unused` does not grant it.
 
     The mark is a lock on one byte of a file that all neighbours share, and goes with the process however that ends.
     """
@@ -92,9 +92,9 @@ def alone(folder: Path) -> Iterator[bool]:
     Yield False if another process uses it already, or nobody can tell. Processes that come within the block wait for
     its end.
     """
-    use(folder)
+    mark_used(folder)
     descriptor, free = _marks.get(folder.parent / "in-use", -1), False
-    # The kernel's lock is the process's: `_marking` holds off other threads, whose `use` would make it shared again.
+    # The kernel's lock belongs to the process: `_marking` holds off other threads, whose mark would share it again.
     with _marking:
         with suppress(OSError, ValueError):
             fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, _byte(folder))
@@ -107,7 +107,7 @@ def alone(folder: Path) -> Iterator[bool]:
 
 
 @contextmanager
-def unused(folder: Path) -> Iterator[bool | None]:
+def hold_unused(folder: Path) -> Iterator[bool | None]:
     """Keep others from using a folder within the block; yield False if somebody uses it, None if nobody can tell.
 
     Not for a process that uses folders itself: its marks would go.
@@ -149,13 +149,13 @@ def _acquired(path: Path, *, wait: bool) -> BaseFileLock | None:
     patience = -1 if wait else 0
     try:
         try:
-            lock.acquire(timeout=patience, cancel_check=process.stopped)
+            lock.acquire(timeout=patience, cancel_check=process.is_stopped)
         except OSError as error:
             if isinstance(error, Timeout) or error.errno not in NO_FLOCK:
                 raise
             _tell(str(path.parent))
             lock = SoftFileLock(path.with_name(f"{path.name}-soft"), thread_local=False)
-            lock.acquire(timeout=patience, cancel_check=process.stopped)
+            lock.acquire(timeout=patience, cancel_check=process.is_stopped)
     except Timeout:
         return None
     return lock

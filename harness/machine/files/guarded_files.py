@@ -16,7 +16,7 @@ from typing import Any, Self, TypeVar
 
 import msgspec
 
-from harness.model.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, raise_unreadable
 
 T = TypeVar("T")
 
@@ -43,7 +43,7 @@ def head(path: str | Path, most: int, *, follow: bool = False) -> bytes:
 def read_decoded(path: str | Path, most: int, decode: Callable[[bytes], T], *, follow: bool = False) -> T:
     """Return the whole content, decoded by `decode`. Raises Unreadable, whatever `decode` raises."""
     content = read(path, most, follow=follow)
-    with understanding():
+    with raise_unreadable():
         return decode(content)
 
 
@@ -123,7 +123,7 @@ def _plain(name: str) -> str:
 
 
 def _piece(path: str | Path, start: int, most: int, *, follow: bool = False, folder: int | None = None) -> bytes:
-    with understanding():
+    with raise_unreadable():
         descriptor = os.open(path, FLAGS if follow else FLAGS | os.O_NOFOLLOW, dir_fd=folder)
         try:
             return _content(descriptor, start, most)

@@ -208,7 +208,8 @@ class Contents:
         names = _distinct(name for part in parts for name in part.changes.overlay)
         with locate_errors(self.matrix.path, "overlay"):
             return replace(
-                question, overlay=overlay_recipes.fitting(overlay_recipes.find_repairs(self.recipes, names), question)
+                question,
+                overlay=overlay_recipes.fitting_recipes(overlay_recipes.find_repairs(self.recipes, names), question),
             )
 
     def _surroundings(self, combination: Combination) -> dict[str, Any]:

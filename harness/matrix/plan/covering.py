@@ -64,7 +64,7 @@ def number_of_parts(sizes: Sequence[int], ways: int) -> int:
     return counts[ways]
 
 
-def uncovered(rows: Iterable[Row], sizes: Sequence[int], ways: int) -> list[Part]:
+def uncovered_parts(rows: Iterable[Row], sizes: Sequence[int], ways: int) -> list[Part]:
     """Return the parts of at most `ways` axes that no row has; parts that contain a listed one are left out."""
     chosen = list(rows)
     missing: list[Part] = []

@@ -24,7 +24,7 @@ class Speaker(NamedTuple):
 
 
 @cache
-def declared() -> tuple[Speaker, ...]:
+def declared_ids() -> tuple[Speaker, ...]:
     """Return a row for each adapter that declares what its environment ids look like."""
     return tuple(
         Speaker(api, package(api), adapter.ids, adapter.example) for api, adapter in adapters().items() if adapter.ids
@@ -38,7 +38,7 @@ def brings_models(api: str) -> bool:
 
 def speakers(requirements: Iterable[str]) -> tuple[Speaker, ...]:
     """Return the adapters whose own package is required, in that order, without gym and gymnasium."""
-    rows = {row.package: row for row in declared()}
+    rows = {row.package: row for row in declared_ids()}
     return tuple(rows[name] for name in dict.fromkeys(map(required_name, requirements)) if name in rows)
 
 

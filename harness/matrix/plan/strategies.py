@@ -18,7 +18,7 @@ from packaging.version import Version
 from harness.matrix.matrix_types import NO_CHANGES, Chosen, Expansion, Matrix, MatrixTable
 from harness.matrix.plan.choices import Choice, Combination
 from harness.matrix.plan.contents import Contents
-from harness.matrix.plan.covering import Part, Row, uncovered
+from harness.matrix.plan.covering import Part, Row, uncovered_parts
 from harness.matrix.version_ranges import Breaks, boundaries
 from harness.model import Dropped
 from harness.model.cellid import CellId
@@ -225,7 +225,7 @@ class Candidates:
             return reason
         every = {1: "value", 2: "pair of values"}.get(strategy.ways, f"combination of {strategy.ways} values")
         rows = [self.row(each) for each in chosen]
-        missing = uncovered(rows, [len(choices) for choices in self.axes.values()], strategy.ways)
+        missing = uncovered_parts(rows, [len(choices) for choices in self.axes.values()], strategy.ways)
         return f"{reason}; each {every} is in some cell{self._but(missing)}"
 
     def _but(self, missing: Sequence[Part]) -> str:

@@ -23,7 +23,7 @@ from harness.machine import process
 from harness.machine.files.guarded_files import read
 from harness.machine.files.scratch_folders import remove_folder, scratch_folder
 from harness.machine.store import own_folders, write_atomic
-from harness.model.hostile_data import Absent, Unreadable, understanding
+from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 
 PREFIX = "PYTHONPYCACHEPREFIX"
 CODE, NAMES = "code", "names"
@@ -157,7 +157,7 @@ def _encoded(code: Code) -> bytes:
 
 
 def _decoded(content: bytes) -> Code:
-    with understanding():
+    with raise_unreadable():
         start = content.index(b"\n") + 1
         code = {}
         for name, file, size in json.loads(content[:start]):
@@ -252,7 +252,7 @@ def _note(cache: Path, names: Iterable[str]) -> None:
 
 def _names(cache: Path) -> list[str]:
     try:
-        with understanding():
+        with raise_unreadable():
             content = json.loads(read(cache / NAMES, MOST_NAMES * LONGEST_NAME))
     except Unreadable:
         return []

@@ -18,7 +18,7 @@ from pathlib import Path
 from packaging.utils import canonicalize_name
 
 from harness.machine.files.guarded_files import head, text
-from harness.model.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, raise_unreadable
 
 CONFIG, PYTHON = "pyvenv.cfg", "bin/python"
 MOST_RECORD, MOST_CONFIG = 64 << 20, 1 << 16
@@ -65,7 +65,7 @@ def replacing(environment: Path) -> str | None:
 def _rows(record: Path) -> Iterator[tuple[str, str, str]]:
     with suppress(Unreadable):
         content = text(record, MOST_RECORD)
-        with understanding():
+        with raise_unreadable():
             rows = [row for row in csv.reader(content.splitlines()) if len(row) == 3]
         yield from ((name, mark, size) for name, mark, size in rows if "=" in mark)
 

@@ -19,7 +19,7 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 
 from harness.machine import process
 from harness.machine.files import guarded_files
-from harness.machine.files.file_locks import alone, exclusive, use
+from harness.machine.files.file_locks import alone, exclusive, mark_used
 from harness.machine.files.scratch_folders import remove_folder
 from harness.machine.store import cache_folder, digest, open_store, write_atomic
 from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question
@@ -140,7 +140,7 @@ def _ensure_environment(key: str, make: Callable[[Path], _Stamp]) -> Environment
 
 def _provided_at(path: Path, make: Callable[[Path], _Stamp]) -> Environment | None:
     # Before the look: from here on neither `gc` nor another process takes the environment away.
-    use(path)
+    mark_used(path)
     stamp, reused = _usable(path), True
     if stamp is None:
         with exclusive(path.with_name(f"{path.name}.lock")):
@@ -237,7 +237,7 @@ def _built_here(lock: Lock) -> Iterator[Finding]:
 
 def _beyond_python(path: Path, interpreter: Interpreter) -> Iterator[Finding]:
     """Yield a warning for each package that does not support this Python: pip refuses it, uv ignores an upper bound."""
-    for package in site_packages.packages(path):
+    for package in site_packages.installed_packages(path):
         requires_python = str(package.metadata["Requires-Python"]) if "Requires-Python" in package.metadata else ""
         with suppress(InvalidSpecifier):
             if not SpecifierSet(requires_python).contains(interpreter.version, prereleases=True):

@@ -12,7 +12,7 @@ from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
 from harness.machine.files import guarded_files
-from harness.model.hostile_data import Absent, Unreadable, understanding
+from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 
 MOST_METADATA = 64 << 20
 """Bytes of a file of metadata: the longest RECORD is some megabytes."""
@@ -24,25 +24,25 @@ LEADS_ON = "_simmatrix_below.pth"
 
 def versions(path: Path) -> dict[str, str]:
     """Return which packages an environment has, name to version. Raises Unreadable."""
-    with understanding():
-        return dict(sorted((canonicalize_name(one.name), plain(one.version)) for one in packages(path)))
+    with raise_unreadable():
+        return dict(sorted((canonicalize_name(one.name), plain(one.version)) for one in installed_packages(path)))
 
 
 def modules(path: Path) -> dict[str, tuple[str, ...]]:
     """Return the top-level modules of each package, as RECORD lists its files, sorted. Raises Unreadable."""
-    with understanding():
-        return {canonicalize_name(one.name): top_level(one.files or ()) for one in packages(path)}
+    with raise_unreadable():
+        return {canonicalize_name(one.name): top_level(one.files or ()) for one in installed_packages(path)}
 
 
 def requiring(path: Path, name: str) -> tuple[str, ...]:
     """Return the packages that declare, in whatever extra, that they need this one. Raises Unreadable."""
-    with understanding():
+    with raise_unreadable():
         return tuple(sorted({asker for asker, need in _needs(path) if canonicalize_name(need.name) == name}))
 
 
 def bounds(path: Path, name: str) -> tuple[SpecifierSet, ...]:
     """Return the bounds that packages declare on this one, in whatever extra. Raises Unreadable."""
-    with understanding():
+    with raise_unreadable():
         needs = [need for _, need in _needs(path) if canonicalize_name(need.name) == name]
         return tuple(dict.fromkeys(need.specifier for need in needs if need.specifier))
 
@@ -50,7 +50,7 @@ def bounds(path: Path, name: str) -> tuple[SpecifierSet, ...]:
 def find_unmet(path: Path) -> tuple[tuple[str, str], ...]:
     """Return (package, requirement) pairs whose required package is missing, extras apart. Raises Unreadable."""
     here = versions(path)
-    with understanding():
+    with raise_unreadable():
         return tuple(
             (asker, str(need))
             for asker, need in _needs(path)
@@ -86,14 +86,14 @@ class Installed(Distribution):
         return self._read_field("Version")
 
     def _read_field(self, key: str) -> str:
-        with understanding():
+        with raise_unreadable():
             if key in self.metadata and (value := str(self.metadata[key]).strip()):
                 return value
         message = f"{self.folder.name} says no {key}"
         raise Unreadable(message)
 
 
-def packages(path: Path) -> Iterator[Installed]:
+def installed_packages(path: Path) -> Iterator[Installed]:
     """Yield all installed packages, in the order of their folders' names."""
     for folder in folders(path):
         yield from (Installed(found) for found in sorted(folder.iterdir()) if found.name.endswith(KINDS))
@@ -114,7 +114,7 @@ def plain(version: str) -> str:
 
 def _needs(path: Path) -> Iterator[tuple[str, Requirement]]:
     """Yield (package, requirement) pairs. Invalid lines are skipped: uv reads them as something else than they say."""
-    for package in packages(path):
+    for package in installed_packages(path):
         asker = canonicalize_name(package.name)  # which is read from a file each time
         for line in package.requires or ():
             if need := _requirement(line):
@@ -123,7 +123,7 @@ def _needs(path: Path) -> Iterator[tuple[str, Requirement]]:
 
 def _requirement(line: str) -> Requirement | None:
     try:
-        with understanding():
+        with raise_unreadable():
             return Requirement(line)
     except Unreadable:
         return None

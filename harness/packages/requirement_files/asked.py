@@ -99,7 +99,7 @@ def requirement(text: str, source: Source, where: str) -> Inputs:
         parsed = requirement_texts.requirement(text)
     except InvalidRequirement as error:
         if "/" not in bare and not bare.strip().endswith(ARCHIVES):
-            message = f"{where}: '{shortened(text)}' is no requirement: {str(error).splitlines()[0]}"
+            message = f"{where}: '{shorten(text)}' is no requirement: {str(error).splitlines()[0]}"
             raise BadInput(message) from None
         url, name = bare.strip(), _archive_name(bare.strip())
     else:
@@ -142,11 +142,11 @@ def check_number(count: int, source: Source) -> None:
         raise BadInput(message)
 
 
-def shortened(text: str) -> str:
+def shorten(text: str) -> str:
     """Shorten a text that a message quotes to `LONGEST_QUOTE` characters."""
     return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}..."
 
 
-def quoted(value: str) -> str:
+def quoted_pattern(value: str) -> str:
     """Return a pattern for a TOML string that begins like the value; what follows a quote inside may be escaped."""
     return "[\"']" + re.escape(value.partition('"')[0])

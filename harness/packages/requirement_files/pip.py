@@ -14,7 +14,7 @@ from harness.packages.requirement_files.asked import (
     Source,
     check_number,
     requirement,
-    shortened,
+    shorten,
 )
 
 COMMENT = re.compile(r"(?:^|(?<=\s))#")
@@ -77,7 +77,7 @@ _FLAGS = {"--no-index", "--pre", "--prefer-binary", "--require-hashes"}
 def _options(line: str, where: str) -> Iterator[tuple[str, str]]:
     """Yield the option and value pairs of a line: `-r x`, `-rx`, `--pre`, `--index-url=x`."""
     if UNQUOTED.sub("", line).strip():
-        message = f"{where}: '{shortened(line)}' cannot be read: No closing quotation"
+        message = f"{where}: '{shorten(line)}' cannot be read: No closing quotation"
         raise BadInput(message)
     words = iter([QUOTED.sub(_bare, word) for word in UNQUOTED.findall(line)])
     for word in words:

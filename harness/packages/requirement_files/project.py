@@ -13,7 +13,15 @@ from packaging.utils import canonicalize_name
 
 from harness.model import IndexSettings, requirement_texts, schema
 from harness.model.errors import BadInput
-from harness.packages.requirement_files.asked import Inputs, Parsed, Source, check_number, quoted, requirement, where_in
+from harness.packages.requirement_files.asked import (
+    Inputs,
+    Parsed,
+    Source,
+    check_number,
+    quoted_pattern,
+    requirement,
+    where_in,
+)
 
 
 class _Table(msgspec.Struct, frozen=True, kw_only=True, rename="kebab"):
@@ -99,7 +107,7 @@ def pyproject(text: str, source: Source, extras: Iterable[str], groups: Iterable
     wanted += _grouped(document.dependency_groups, groups, source)
     check_number(len(wanted), source)
     for line in dict.fromkeys(wanted):
-        inputs += requirement(line, source, where_in(text, quoted(line), source))
+        inputs += requirement(line, source, where_in(text, quoted_pattern(line), source))
     inputs += _resolution(document.tool.uv)
     group_names = tuple(canonicalize_name(name) for name in document.dependency_groups)
     return Parsed(inputs=inputs, extras=tuple(optional), groups=group_names)
@@ -138,7 +146,7 @@ def _with_extras(project: str, optional: Mapping[Any, Sequence[str]], extras: It
 def _unread(text: str, source: Source, document: _Document) -> Iterator[str]:
     for name in document.project.dynamic:
         if name in {"dependencies", "optional-dependencies", "requires-python"}:
-            where = where_in(text, rf"(?s)dynamic\s*=.*?{quoted(name)}", source)
+            where = where_in(text, rf"(?s)dynamic\s*=.*?{quoted_pattern(name)}", source)
             yield f"{where}: {name} is dynamic: only a build of the project tells it"
     if document.tool.poetry.dependencies:
         where = where_in(text, r"tool\.poetry\.dependencies", source)
@@ -148,7 +156,7 @@ def _unread(text: str, source: Source, document: _Document) -> Iterator[str]:
         yield f"{where}: tool.uv.sources.{name}: sources are not modelled; {name} is taken from the indexes"
     for index in document.tool.uv.index:
         if index.explicit:
-            where = where_in(text, quoted(index.url), source)
+            where = where_in(text, quoted_pattern(index.url), source)
             yield f"{where}: {index.url}: an explicit index is not modelled"
 
 

@@ -21,12 +21,12 @@ from packaging.version import Version
 
 from harness.machine import process, this_machine
 from harness.machine.files import guarded_files
-from harness.machine.files.file_locks import exclusive, use
+from harness.machine.files.file_locks import exclusive, mark_used
 from harness.machine.files.scratch_folders import remove_folder
 from harness.machine.store import cache_folder, digest, open_store, own_folders, sha256_of, write_atomic
 from harness.model import Artifact, Interpreter, Outcome, Phase, Pin, Question, Step
 from harness.model.errors import BadInput, CouldNotTell
-from harness.model.hostile_data import Unreadable, understanding
+from harness.model.hostile_data import Unreadable, raise_unreadable
 from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.packages import index, locks, resolver, uv_command
 from harness.packages.sources import sdists
@@ -209,12 +209,12 @@ def load_wheel(key: str) -> Built | None:
     """Return the wheel of a build if it is in the store; a damaged one is removed, and so built again."""
     folder = cache_folder() / "wheels" / key
     # Before the look, so that `gc` does not take the wheel in between.
-    use(folder)
+    mark_used(folder)
     wheel = next(folder.glob("*.whl"), None)
     if wheel is None:
         return None
     try:
-        with understanding():
+        with raise_unreadable():
             return Built(path=wheel, sha256=_sound(wheel), key=key)
     except Unreadable:
         remove_folder(folder)

@@ -14,7 +14,7 @@ from pathlib import Path
 from urllib.parse import parse_qs, urldefrag, urlsplit
 
 from harness.machine import process
-from harness.machine.files.file_locks import exclusive, use
+from harness.machine.files.file_locks import exclusive, mark_used
 from harness.machine.store import cache_folder, digest, sha256_of
 from harness.model.errors import BadInput, CouldNotTell
 from harness.packages import uv_command
@@ -133,7 +133,7 @@ def of_repository(source: str, *, offline: bool = False) -> State:
     Raises CouldNotTell if the repository cannot be fetched, BadInput if it has no such reference.
     """
     wanted = Repository.parse(source)
-    use(wanted.mirror)
+    mark_used(wanted.mirror)
     # A full hash never comes to mean another commit, so one that was fetched needs no network.
     commit = _commit(wanted) if offline or _is_commit(wanted.reference) else None
     if commit is None and offline:

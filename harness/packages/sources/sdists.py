@@ -11,7 +11,7 @@ from pathlib import Path
 
 from harness.machine.files import guarded_files
 from harness.model.errors import in_the_way
-from harness.model.hostile_data import Absent, Unreadable, understanding
+from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 
 LEGACY_REQUIRES = ("setuptools>=40.8.0",)
 LEGACY_BACKEND = "setuptools.build_meta:__legacy__"
@@ -63,7 +63,7 @@ def build_system(source: Path) -> BuildSystem:
     file = source / "pyproject.toml"
     try:
         content = guarded_files.text(file, MOST, follow=True)
-        with understanding():
+        with raise_unreadable():
             table = tomllib.loads(content).get("build-system")
     except Absent:
         table = None

@@ -12,7 +12,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.machine.files.file_locks import exclusive, use
+from harness.machine.files.file_locks import exclusive, mark_used
 from harness.machine.store import cache_folder, digest
 from harness.model import Bring, Brought
 from harness.model.errors import BadInput
@@ -52,7 +52,7 @@ def inspect_source(bring: Bring, *, offline: bool = False) -> Source:
 def copy_source(source: Source) -> Path:
     """Return the folder of the copy for cells, made now or before. Raises BadInput for a file that is no archive."""
     folder = cache_folder() / "brought" / digest("brought", source.fingerprint.mark)
-    use(folder)
+    mark_used(folder)
     with exclusive(folder.with_suffix(".lock")):
         remembered = folder / WHOLE
         if not remembered.exists():

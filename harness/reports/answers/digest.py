@@ -17,7 +17,7 @@ from pathlib import Path
 
 import msgspec
 
-from harness.judging.known_failures import counted
+from harness.judging.known_failures import select_counting
 from harness.model.measured import Measured, MeasuredCell
 from harness.model.report_types import UNTOLD, CellEntry, Document
 from harness.reports import document
@@ -28,7 +28,7 @@ HASH = re.compile(r"sha256:([0-9a-f]{64})")
 
 def from_files(reports: Iterable[Path]) -> Measured:
     """Return the measured cells of these `report.json` files. Raises BadInput."""
-    return combined(from_report(document.read_file(path), path.parent) for path in reports)
+    return combine(from_report(document.read_file(path), path.parent) for path in reports)
 
 
 def from_report(report: Document, folder: Path) -> Measured:
@@ -49,7 +49,7 @@ def from_report(report: Document, folder: Path) -> Measured:
     )
 
 
-def combined(parts: Iterable[Measured]) -> Measured:
+def combine(parts: Iterable[Measured]) -> Measured:
     """Return these results as one document. If a cell was measured twice on one machine, the newer result counts."""
     generated = ""
     machines: dict[str, dict[str, object]] = {}
@@ -67,13 +67,13 @@ def combined(parts: Iterable[Measured]) -> Measured:
     return with_locks(generated, machines, [cells[key] for key in sorted(cells)], locks)
 
 
-def packed(measured: Measured) -> bytes:
+def pack(measured: Measured) -> bytes:
     """Compress the document; equal documents give equal bytes."""
     # gzip would write the time into its header.
     return gzip.compress(msgspec.json.encode(measured, order="deterministic"), compresslevel=9, mtime=0)
 
 
-def packed_reports(files: Iterable[Path]) -> bytes:
+def pack_reports(files: Iterable[Path]) -> bytes:
     """Return whole reports as one zip file, without the files beside them; equal for equal reports."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
@@ -98,7 +98,7 @@ def _cell(cell: CellEntry, lock: str | None, folder: Path) -> MeasuredCell:
             "lock": lock,
             "diagnoses": (),
             "findings": (),
-            "causes": tuple(one.signature for one in counted(cell)),
+            "causes": tuple(one.signature for one in select_counting(cell)),
             "imported": () if noted or not cell.evidence else _imported(_text(folder, f"{cell.evidence}/reply.jsonl")),
         }
     )

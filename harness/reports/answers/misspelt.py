@@ -26,7 +26,7 @@ from harness.model.errors import BadInput
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import parsed_requirement
 from harness.packages import index
-from harness.packages.index_settings import NOTHING, combined
+from harness.packages.index_settings import NOTHING, combine
 from harness.reports.answers import result_index
 from harness.standalone.keys import MODULES
 
@@ -176,7 +176,7 @@ class _Memory:
 
     def __init__(self, settings: IndexSettings) -> None:
         # The user's own uv and pip settings are part of the key, because other places list other releases.
-        places = sha256(repr(combined(settings)).encode()).hexdigest()[:12]
+        places = sha256(repr(combine(settings)).encode()).hexdigest()[:12]
         self._folder = store.cache_folder() / "releases" / places
 
     def load(self, name: str) -> Listing | None:

@@ -11,7 +11,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness.reports.answers.measured_cells import CellResult, Query, find_fitting, find_good
-from harness.reports.answers.recommending import Combination, combinations, newest, public
+from harness.reports.answers.recommending import Combination, combinations, newest, public_version
 
 
 class Half(msgspec.Struct, frozen=True, kw_only=True):
@@ -33,7 +33,7 @@ class Apart(msgspec.Struct, frozen=True, kw_only=True):
     python: str | None
 
 
-def apart(cells: Sequence[CellResult], query: Query) -> Apart | None:
+def find_apart(cells: Sequence[CellResult], query: Query) -> Apart | None:
     """Return the results of packages that no cell combines; None if some cell does, whatever its versions."""
     free = tuple(replace(one, versions=SpecifierSet()) for one in query.wanted)
     # A red measurement counts, also one that could not be locked: the packages were tried together.
@@ -47,7 +47,7 @@ def apart(cells: Sequence[CellResult], query: Query) -> Apart | None:
     return Apart(halves=halves, requirements=tuple(_requirements(query, halves)), python=python)
 
 
-def installed(cells: Sequence[CellResult], name: str) -> tuple[str, ...]:
+def installed_releases(cells: Sequence[CellResult], name: str) -> tuple[str, ...]:
     """Return the releases of a package that were in locks of working cells and that no case ran, newest first."""
     releases = {one.pins[name] for one in cells if one.works and name in one.pins and name not in one.exercised}
     return tuple(sorted(releases, key=Version, reverse=True))
@@ -73,7 +73,7 @@ def _half(cells: Sequence[CellResult], query: Query, names: Sequence[str]) -> Ha
     wanted = tuple(one for one in query.wanted if one.name in names)
     matches = combinations(cells, replace(query, wanted=wanted), limit=1)
     matches = matches or combinations(cells, Query(wanted=wanted), limit=1)
-    beside = () if matches or len(names) > 1 else installed(cells, names[0])
+    beside = () if matches or len(names) > 1 else installed_releases(cells, names[0])
     return Half(packages=tuple(names), combination=matches[0] if matches else None, installed=beside)
 
 
@@ -83,6 +83,6 @@ def _requirements(query: Query, halves: Sequence[Half]) -> list[str]:
         name: version for half in halves if half.combination for name, version in half.combination.versions.items()
     }
     return [
-        one.text if one.versions or one.name not in versions else f"{one.text}=={public(versions[one.name])}"
+        one.text if one.versions or one.name not in versions else f"{one.text}=={public_version(versions[one.name])}"
         for one in query.wanted
     ]

@@ -14,11 +14,11 @@ from harness.reports.answers.measured_cells import (
     Query,
     case_works,
     find_fitting,
-    passed,
-    ran,
+    phases_passed,
+    ran_package,
     some_work,
 )
-from harness.reports.answers.never_together import Apart, apart, installed
+from harness.reports.answers.never_together import Apart, find_apart, installed_releases
 from harness.reports.answers.recommending import Combination
 from harness.reports.answers.traps import Red
 
@@ -75,7 +75,7 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
     combinations.sort(
         key=lambda combination: bool(combination.repaired or combination.brought)
     )  # what anybody can install goes first
-    together = None if combinations else apart(cells, query)
+    together = None if combinations else find_apart(cells, query)
     never_run = [name for name in query.names if not any(name in one.about for one in cells)]
     return Recommended(
         asked=tuple(one.text for one in query.wanted),
@@ -92,15 +92,15 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
         red=tuple(traps.find_traps(cells, query)),
         nearby=None if combinations or together else _nearby(cells, query, limit),
         unknown=tuple(name for name in query.names if not any(one.version(name) for one in cells)),
-        installed={name: releases for name in never_run if (releases := installed(cells, name))},
+        installed={name: releases for name in never_run if (releases := installed_releases(cells, name))},
         next=next_,
     )
 
 
 def _doubtful(cells: Sequence[CellResult], query: Query, combinations: Sequence[Combination]) -> list[Combination]:
     """Return combinations that work with a silent known issue left open, unless a plainly good one is newer."""
-    fits = [one for one in find_fitting(cells, query) if ran(one, query) and one.cell.verdict is Verdict.WORKS]
-    open_ = [one for one in fits if passed(one, query) and one.cell.doubts]
+    fits = [one for one in find_fitting(cells, query) if ran_package(one, query) and one.cell.verdict is Verdict.WORKS]
+    open_ = [one for one in fits if phases_passed(one, query) and one.cell.doubts]
     candidates = recommending.merge_results(open_, query)
     best = max((recommending.newness(one.versions.values()) for one in combinations), default=())
     return [one for one in candidates if recommending.newness(one.versions.values()) >= best]
@@ -111,7 +111,7 @@ def _partly(cells: Sequence[CellResult], query: Query) -> list[Partly]:
     fits = [
         one
         for one in find_fitting(cells, query)
-        if ran(one, query) and one.cell.verdict in {Verdict.PARTIAL, Verdict.MISLEADS}
+        if ran_package(one, query) and one.cell.verdict in {Verdict.PARTIAL, Verdict.MISLEADS}
     ]
     fits = [one for one in fits if some_work(one)]
     entries = []

@@ -30,7 +30,7 @@ def lines(
     """Return the answer as wrapped lines; `whole` leaves nothing out."""
     paragraphs = [*_answer(answer, machines, whole=whole), *_traps(answer, whole=whole), "", "next", *_next(answer)]
     paragraphs = [*_unknown(answer, names), *paragraphs]
-    return [line for text in paragraphs for line in wrapped(text, width)]
+    return [line for text in paragraphs for line in wrap_line(text, width)]
 
 
 def paste(combination: Combination) -> str:
@@ -43,7 +43,7 @@ def paste(combination: Combination) -> str:
     return f"{shlex.join(combination.requirements)}  # {', '.join(notes)}"
 
 
-def wrapped(text: str, width: int) -> list[str]:
+def wrap_line(text: str, width: int) -> list[str]:
     """Wrap a line at spaces; lines meant for copying are never broken."""
     if len(text) <= width or "  # Python" in text or text.lstrip().startswith(("simmatrix ", "uv ")):
         return [text]

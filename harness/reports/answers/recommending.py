@@ -98,7 +98,7 @@ def combination(versions: dict[str, str], results: Sequence[CellResult]) -> Comb
         machines=tuple(sorted({one.cell.machine for one in results})),
         measured=max(one.cell.measured for one in results),
         cells=tuple(one.cell.id for one in results),
-        beside=beside(alike, best, versions),
+        beside=other_versions(alike, best, versions),
         cell=cell.id,
         machine=cell.machine,
         python=best.python,
@@ -126,15 +126,17 @@ def pin_requirements(result: CellResult, packages: Iterable[str]) -> Iterator[st
         version = result.version(name)
         if version:
             extra = f"[{','.join(sorted(extras[name]))}]" if extras.get(name) else ""
-            yield f"{name}{extra}=={public(version)}"
+            yield f"{name}{extra}=={public_version(version)}"
 
 
-def public(version: str) -> str:
+def public_version(version: str) -> str:
     """Return a version without its local part, such as `+cpu`, which names an index and not a release."""
     return version.partition("+")[0]
 
 
-def beside(results: Iterable[CellResult], result: CellResult, packages: Iterable[str]) -> dict[str, tuple[str, ...]]:
+def other_versions(
+    results: Iterable[CellResult], result: CellResult, packages: Iterable[str]
+) -> dict[str, tuple[str, ...]]:
     """Return the versions in these cells of the other packages that the matrix of `result` chose."""
     names = [name for name in result.chosen if name not in {*packages}]
     held = {name: {other.chosen[name] for other in results if name in other.chosen} for name in names}

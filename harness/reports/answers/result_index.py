@@ -34,7 +34,7 @@ def load() -> Measured:
         return load_shipped()
     from harness.reports.answers import digest  # noqa: PLC0415 - start-up
 
-    return digest.combined([load_shipped(), digest.from_files(others), *own])
+    return digest.combine([load_shipped(), digest.from_files(others), *own])
 
 
 def load_plain() -> dict[str, Any]:
@@ -92,7 +92,7 @@ def _own() -> Iterator[Measured]:
     records = [record for record in opened.cells() if record.measured]
     planned = Plan(matrix="", cells=tuple({record.cell.id: record.cell for record in records}.values()), axes=())
     machines = {one.machine: opened.load_machine(one.machine) for one in records}
-    knowledge = shipped_signatures.beside(opened.folder)
+    knowledge = shipped_signatures.load_knowledge(opened.folder)
     yield digest.from_report(
         document.build(records, [planned], machines, store.now(), knowledge=knowledge), opened.folder
     )

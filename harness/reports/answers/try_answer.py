@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from harness.judging.assess import Assessed
 from harness.judging.counted_phases import reason
-from harness.judging.exercised import ONLY_IMPORT, OWN, exercised, idle, import_fact, lacking
+from harness.judging.exercised import ONLY_IMPORT, OWN, exercised_packages, idle, import_fact, missing_arguments
 from harness.matrix import overlay_recipes
 from harness.matrix.signatures import Signature
 from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
@@ -58,7 +58,7 @@ def _not_run(judged: Assessed) -> Iterable[str]:
     tested = f": {judged.decisive}" if judged.decisive and judged.decisive != ONLY_IMPORT else ""
     names = _versions(record, _select_packages(judged)) or "nothing"
     yield f"not run: {names} was only imported{where}{tested}; no environment was run"
-    if lacking(record):
+    if missing_arguments(record):
         yield f"next: {OWN}"
         return
     offers: dict[str, list[str]] = {}
@@ -91,7 +91,7 @@ def _select_packages(judged: Assessed) -> list[str]:
     """Return the packages for the first words: those asked for that were run; all of them if nothing was run."""
     record = judged.record
     names = list(record.cell.asked) or list(dict.fromkeys(map(required_name, record.cell.question.requirements)))
-    ran = exercised(record)
+    ran = exercised_packages(record)
     return [name for name in names if name in ran] if ran and judged.verdict is not Verdict.NOT_RUN else names
 
 
@@ -128,7 +128,7 @@ def _describe_phases(judged: Assessed) -> str:
         parts.append(f"{judged.phase} {outcome}" + (f" of {' and '.join(failed)}" if failed else ""))
     where = f" on Python {record.python}" if record.python else ""
     tried = "; ".join(parts or ["nothing was tried"]) + where
-    mended = [f"repaired: {overlay_recipes.described(one)}" for one in record.repairs]
+    mended = [f"repaired: {overlay_recipes.describe_edits(one)}" for one in record.repairs]
     drawn = any(phase.phase is Phase.RENDER and phase.frames for case in record.cases for phase in case.phases)
     needed = tables.settings(record.supplied, record.installed or {}) if drawn else ()
     settings = [f"drawn with {', '.join(needed)}, which a user sets, too"] if needed else []

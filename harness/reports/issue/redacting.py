@@ -47,7 +47,7 @@ RULES = (
 )  # fmt: skip
 
 
-def redacted(text: str, words: Mapping[str, str]) -> str:
+def redact(text: str, words: Mapping[str, str]) -> str:
     """Return the text without private data; `words` maps names of this machine to their replacements."""
     for pattern, instead in RULES:
         text = pattern.sub(instead, text)

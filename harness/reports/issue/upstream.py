@@ -13,7 +13,7 @@ from typing import Any
 
 from packaging.utils import canonicalize_name
 
-from harness.judging.known_failures import counted
+from harness.judging.known_failures import select_counting
 from harness.model import FAILING, Case, Cell, Outcome, Phase
 from harness.model.report_types import CellEntry, word
 from harness.model.vocabulary import required_name
@@ -119,7 +119,7 @@ SAYS = {
 
 def _describe_cause(failing: Failing) -> Iterator[str]:
     """Yield the deepest known cause, and its remedy if that was proven."""
-    deepest = next(iter(counted(failing.entry)), None)
+    deepest = next(iter(select_counting(failing.entry)), None)
     if deepest is None:
         return
     links = "".join(f"\n- {address(link)}" for link in deepest.references)

@@ -10,7 +10,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
-from harness.judging.known_failures import counted
+from harness.judging.known_failures import select_counting
 from harness.model.report_types import REPAIR, SEVERITY, CellEntry, format_count
 from harness.model.vocabulary import CHANGING, parsed_requirement
 from harness.reports.tables import change_effects, verdict_reasons
@@ -66,7 +66,7 @@ def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequen
     verdicts = Counter(cell.verdict for cell in group)
     links = (why.link for why in explanations if why.link)
     proofs = tuple(dict.fromkeys(proof for why in explanations for one in why.causes[:1] for proof in one.proofs))
-    proven = {cell.id for cell in group if (held := counted(cell)) and held[0].proof}
+    proven = {cell.id for cell in group if (held := select_counting(cell)) and held[0].proof}
     cures = _cures(group, cells)
     found_out = bool(cures) and not proven
     alone, together = ("", "") if proofs or cures else _neighbours(group, cells)
@@ -76,7 +76,7 @@ def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequen
         verdicts=tuple((verdict, verdicts[verdict]) for verdict in SEVERITY if verdicts[verdict]),
         phases=tuple(dict.fromkeys(why.phase for why in explanations if why.phase)),
         cells=len({cell.id for cell in group}),
-        where=_named([label for why in explanations for label in why.cells]) or where(group, cells, axes),
+        where=_named([label for why in explanations for label in why.cells]) or place_cells(group, cells, axes),
         line=explanations[0].decisive,
         remedy="; ".join(cures[0].change.does) if found_out and cures[0].change else failure.remedy if failure else "",
         applicable=found_out or (failure.applicable if failure else False),
@@ -109,7 +109,7 @@ def _neighbours(group: Iterable[CellEntry], cells: Sequence[CellEntry]) -> tuple
     alone: list[tuple[Version, str]] = []
     together: list[tuple[Version, str]] = []
     for cell in group:
-        wanted = _wanted(next((one.remedy for one in counted(cell)), {}))
+        wanted = _wanted(next((one.remedy for one in select_counting(cell)), {}))
         beside = (one for one in cells if wanted and one.base is None and one.machine == cell.machine)
         for other in beside:
             installed = other.installed or {}
@@ -156,12 +156,12 @@ def _named(labels: Sequence[str]) -> str:
     return ", ".join("`" + label.replace(" on ", "` on `") + "`" for label in labels) if len(labels) <= NAMED else ""
 
 
-def which(group: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
+def name_cells(group: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
     """Describe these cells: a few by their names, more by the values of their axes."""
-    return _named([*dict.fromkeys(cell.label for cell in group)]) or where(group, cells, axes)
+    return _named([*dict.fromkeys(cell.label for cell in group)]) or place_cells(group, cells, axes)
 
 
-def where(group: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
+def place_cells(group: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
     """Describe these cells of a matrix: `all 12 cells with mujoco 4.0.0`; of changed cells the first names."""
     labels = tuple(dict.fromkeys(cell.label for cell in group))
     if any(cell.base for cell in group):

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import msgspec
 
-from harness.judging.expectation import fulfilled
+from harness.judging.expectation import is_fulfilled
 from harness.judging.identity import failure
 from harness.model import FAILING, Phase
 from harness.model.report_types import UNTOLD, CellEntry, DiagnosisEntry
@@ -34,7 +34,7 @@ def effect(before: CellEntry, after: CellEntry) -> Effect:
 
 def works(cell: CellEntry) -> bool:
     """Return whether everything that was asked for passed, and no silent issue is left open."""
-    return fulfilled(cell.verdict, cell.phases, cell.unverified)
+    return is_fulfilled(cell.verdict, cell.phases, cell.unverified)
 
 
 def _failed(cell: CellEntry) -> set[tuple[str, str]]:

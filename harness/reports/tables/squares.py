@@ -19,23 +19,23 @@ TRIED = CASE_PHASES[1:]
 # --- tasks -----------------------------------------------------------------------------------------------------
 
 
-def tried(case: CaseEntry) -> bool:
+def was_tried(case: CaseEntry) -> bool:
     """Return whether an environment was tried: some phase passed after the import, or failed."""
     ended = {*case.phases.values()}
     ran = any(case.phases.get(phase) is Outcome.PASSED for phase in TRIED)
     return case.env is not None and (ran or bool(ended & FAILING))
 
 
-def passed(case: CaseEntry) -> bool:
+def has_passed(case: CaseEntry) -> bool:
     """Return whether everything asked of an environment passed, as far as this machine can tell."""
-    return tried(case) and {*case.phases.values()} <= PASSING and not case.misleads
+    return was_tried(case) and {*case.phases.values()} <= PASSING and not case.misleads
 
 
 def tasks(cells: Iterable[CellEntry]) -> tuple[int, int]:
     """Count the tasks that passed in all of the cells that tried them, and those that were tried."""
     ends: dict[str, bool] = {}
-    for case in (case for cell in cells for case in cell.cases if tried(case)):
-        ends[case.case] = ends.get(case.case, True) and passed(case)
+    for case in (case for cell in cells for case in cell.cases if was_tried(case)):
+        ends[case.case] = ends.get(case.case, True) and has_passed(case)
     return sum(ends.values()), len(ends)
 
 
@@ -130,7 +130,7 @@ def _entry(cells: Sequence[CellEntry], machine: str, where: tuple[str, ...], bes
         fixed=red and any(change_effects.works(one) for cell in cells for one in beside.of(cell)),
         varies=works
         and any(one.verdict not in {*UNTOLD, Verdict.WORKS} for cell in cells for one in beside.sides(cell)),
-        uneven=len({frozenset(case.case for case in cell.cases if tried(case)) for cell in cells}) > 1,
+        uneven=len({frozenset(case.case for case in cell.cases if was_tried(case)) for cell in cells}) > 1,
         doubted=works and any(cell.doubts for cell in cells),
     )
 

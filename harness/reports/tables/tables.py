@@ -114,8 +114,8 @@ def _tasks(cells: Iterable[CellEntry]) -> tuple[Task, ...]:
             env=env,
             api=api,
             phases=tuple(phase for phase in Phase if any(case.phases.get(phase) not in untried for case in cases)),
-            passed=sum(map(squares.passed, cases)),
-            tried=sum(map(squares.tried, cases)),
+            passed=sum(map(squares.has_passed, cases)),
+            tried=sum(map(squares.was_tried, cases)),
         )
         for (name, env, api), cases in seen.items()
     )
@@ -226,7 +226,7 @@ def _findings(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[Remark, 
             about=f"{', '.join(dict.fromkeys(check for check, _ in found))}; {level}",
             text=text,
             cells=tuple(dict.fromkeys(cell.label for _, cell in found)),
-            where=cause_groups.which([cell for _, cell in found], cells, axes),
+            where=cause_groups.name_cells([cell for _, cell in found], cells, axes),
             kind=kind,
         )
         for (kind, level, text), found in groups.items()

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from harness.judging.known_failures import counted
+from harness.judging.known_failures import select_counting
 from harness.model import Verdict
 from harness.model.cellid import CellId
 from harness.model.report_types import CellEntry, word
@@ -28,7 +28,7 @@ def reasons(cells: Iterable[CellEntry]) -> Iterator[tuple[Explanation, list[Cell
         # A changed cell is shown among the changes tried (`attempts`); here it stands only if it is not as expected.
         if not (plain(cell) or (cell.change and cell.as_expected is not False)):
             link = cell.expectation.link or "" if cell.expectation else ""
-            ids = tuple(one.signature for one in counted(cell))
+            ids = tuple(one.signature for one in select_counting(cell))
             why = failed_in(cell), cell.decisive or "", hidden_by(cell), expectation(cell), link, ids
             groups.setdefault((cell.verdict, *why), []).append(cell)
     for (verdict, phase, decisive, hidden, expected, link, _), group in groups.items():
@@ -47,8 +47,8 @@ def reasons(cells: Iterable[CellEntry]) -> Iterator[tuple[Explanation, list[Cell
 
 def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Cause]:
     """Yield the known failures of cells that all have the same ones."""
-    for place, diagnosis in enumerate(counted(cells[0])):
-        proofs = [proof for cell in cells if (proof := counted(cell)[place].proof)]
+    for place, diagnosis in enumerate(select_counting(cells[0])):
+        proofs = [proof for cell in cells if (proof := select_counting(cell)[place].proof)]
         yield Cause(
             signature=diagnosis.signature,
             cause=diagnosis.cause,
@@ -61,7 +61,7 @@ def _causes(cells: Sequence[CellEntry], locks: Mapping[str, str]) -> Iterator[Ca
 
 def describe_cause(cell: CellEntry) -> dict[str, Any]:
     """Return the fields of a row on the deepest known cause and its remedy; empty if no cause is known."""
-    deepest = next(iter(counted(cell)), None)
+    deepest = next(iter(select_counting(cell)), None)
     if deepest is None:
         return {}
     proof = f" (proven by {CellId.parse(deepest.proof).label})" if deepest.proof else ""

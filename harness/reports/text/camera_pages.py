@@ -92,14 +92,14 @@ def pairs(cell: CellEntry) -> tuple[Pair, ...]:
     for case in cell.cases:
         if named := CASE.fullmatch(case.case):
             devices = int(named[1]), int(named[2])
-            by_devices.setdefault(devices, {})[named[3]] = way(case, native[case.case])
+            by_devices.setdefault(devices, {})[named[3]] = classify_case(case, native[case.case])
     return tuple(
         Pair(compute=compute, graphics=graphics, tensor=ways.get("tensor", Way()), cpu=ways.get("cpu", Way()))
         for (compute, graphics), ways in sorted(by_devices.items())
     )
 
 
-def way(case: CaseEntry, native: tuple[str, ...] = ()) -> Way:
+def classify_case(case: CaseEntry, native: tuple[str, ...] = ()) -> Way:
     """Classify the result of one case."""
     last = CHECK if CHECK in case.checks else next(reversed(case.checks), "")
     outcome, why = case.checks.get(last), case.reasons.get(last, "")

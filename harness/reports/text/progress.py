@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Self
 
 from harness.model import Cell, CellRecord
 from harness.model.report_types import format_count
-from harness.reports.text.terminal import bounded
+from harness.reports.text.terminal import limit_width
 from harness.running.scheduler import WAITING
 from harness.standalone.control_characters import strip_controls
-from harness.standalone.output import styled
+from harness.standalone.output import style_stream
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -42,7 +42,7 @@ class Progress:
             from rich.live import Live  # noqa: PLC0415 - start-up
 
             self._live = Live(
-                console=bounded(Console(file=styled(sys.stderr))),
+                console=limit_width(Console(file=style_stream(sys.stderr))),
                 get_renderable=self._board,
                 refresh_per_second=8,
                 transient=True,

@@ -13,7 +13,7 @@ from harness.model.report_types import SYMBOLS, UNTOLD, format_count, word
 from harness.reports.tables.table_types import Attempt, Effect, Pivot, Remark, Report, Row, Sheet, Square, Trouble
 from harness.reports.text import report_markdown
 from harness.standalone.control_characters import strip_controls
-from harness.standalone.output import styled
+from harness.standalone.output import style_stream
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
@@ -75,12 +75,12 @@ def _console() -> Console:
     # Without a width rich takes that of the terminal, or COLUMNS. Markup is off because lines of packages may hold
     # square brackets, which rich would obey.
     console = Console(
-        file=styled(sys.stdout), highlight=False, markup=False, width=None if width_known else PIPED_WIDTH
+        file=style_stream(sys.stdout), highlight=False, markup=False, width=None if width_known else PIPED_WIDTH
     )
-    return bounded(console)
+    return limit_width(console)
 
 
-def bounded(console: Console) -> Console:
+def limit_width(console: Console) -> Console:
     """Limit a console to `MOST_WIDTH` columns, because COLUMNS may say anything; return it."""
     console.width = min(console.width, MOST_WIDTH)
     return console

@@ -42,7 +42,9 @@ def _of_the_day(base: Trial, axis: str, line: Sequence[Candidate], *, offline: b
         base.cell
     )
     others = {name: version for name, version in versions.items() if version and name != axis}
-    days = [at for name, version in others.items() if (at := times.uploaded(base.cell, name, version, offline=offline))]
+    days = [
+        at for name, version in others.items() if (at := times.upload_time(base.cell, name, version, offline=offline))
+    ]
     if days:
         before = [place for place, one in enumerate(line) if one.uploaded and one.uploaded[:10] <= max(days)[:10]]
         yield from before[-1:]

@@ -46,10 +46,10 @@ class RepairedCell:
         return replace(record, cell=replace(record.cell, id=name, tried=tried))
 
 
-def every(records: Iterable[CellRecord], opened: Store, lab: Callable[[Cell], Lab]) -> Iterator[RepairedCell]:
+def repair_every(records: Iterable[CellRecord], opened: Store, lab: Callable[[Cell], Lab]) -> Iterator[RepairedCell]:
     """Repair the red cells among these, expected or not. `lab` makes a place to try changes for each."""
     solved: list[SolvedCause] = []
-    signatures = shipped_signatures.beside(opened.folder)
+    signatures = shipped_signatures.load_knowledge(opened.folder)
     for record in records:
         failed = assess(record, signatures).failure
         # A cell with a `base` is a change that is tried on another cell; that other cell is the one to repair.

@@ -110,7 +110,7 @@ def find_unmet_bounds(texts: Iterable[str], versions: Mapping[str, str]) -> dict
     return {name: bound for name, bound in specifiers.items() if not bound.contains(versions[name], prereleases=True)}
 
 
-def written(bound: SpecifierSet) -> str:
+def format_bound(bound: SpecifierSet) -> str:
     """Return a bound as people write it, the lower end first."""
     return ",".join(sorted(map(str, bound), key=lambda text: (text.startswith("<"), text)))
 

@@ -190,6 +190,6 @@ def find_unenforced_bound(before: Trial, after: Trial) -> str | None:
             continue
         for other in had.keys() & has.keys() - {name}:
             if Version(has[other]) < Version(had[other]):
-                requirement = f"{name}{failure_hints.written(bound)}"
+                requirement = f"{name}{failure_hints.format_bound(bound)}"
                 return f"the error asks for {requirement}, and {other} {has[other]} is too old to know that"
     return None

@@ -74,7 +74,7 @@ class Narrowing:
     def _held(self, chosen: Sequence[Suspect]) -> Answer:
         names = ", ".join(f"{one.name} {one.good}" for one in chosen[:4])
         more = f" and {len(chosen) - 4} more" if len(chosen) > 4 else ""
-        return self._answer(held(chosen), f"with {names or 'nothing'}{more} as in the lock that works")
+        return self._answer(hold_packages(chosen), f"with {names or 'nothing'}{more} as in the lock that works")
 
     def _answer(self, change: Change, why: str) -> Answer:
         trial = self.lab.measure(merge_changes(self.rest, change), why)
@@ -171,7 +171,7 @@ def _likely(line: Sequence[Version]) -> list[int]:
     return [place for place in ([turns[-1], turns[-1] - 1] if turns else []) if 0 < place < len(line) - 1]
 
 
-def held(chosen: Iterable[Suspect]) -> Change:
+def hold_packages(chosen: Iterable[Suspect]) -> Change:
     """Return the change that holds packages to their good versions."""
     return candidate_changes.of_parts(one.at(f"=={one.good}") for one in chosen)
 

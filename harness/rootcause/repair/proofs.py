@@ -147,7 +147,7 @@ def document(lab: Lab, repaired: RepairResult, command: str) -> RepairDocument:
 def _run(number: int, run: Run) -> RunEntry:
     # The guard is HEAVY minus what the cell requires; its size tells it apart from a remedy that names a few.
     guarded = len({*run.change.only_binary} & {*stages.HEAVY}) > len(stages.HEAVY) // 2
-    plain = stages.unguarded(run.change) if guarded else run.change
+    plain = stages.remove_guard(run.change) if guarded else run.change
     return RunEntry(
         number=number,
         why=run.why,

@@ -172,7 +172,7 @@ class Search:
     def _cures(self, entry: _Entry, move: Move) -> bool:
         """Try one change and return whether it cures. If it reveals another failure, queue the stages for that."""
         place = entry.place
-        change = merge_changes(place.change, stages.guarded(place, move))
+        change = merge_changes(place.change, stages.add_guard(place, move))
         try:
             if self.lab.same(change, place.change):
                 return False
@@ -226,7 +226,7 @@ class Search:
 
     def _unguarded(self, cure: _Cure) -> None:
         """Let big packages be built again, where the remedy itself does not forbid it."""
-        whole = stages.unguarded(cure.change, cure.move.change.only_binary)
+        whole = stages.remove_guard(cure.change, cure.move.change.only_binary)
         if whole != cure.change:
             self._take(cure, whole, "without the guard against long builds")
 
@@ -241,7 +241,7 @@ class Search:
         if not broad_change:
             return None
         rest = candidate_changes.without(cure.change, broad_change)
-        failing = self.lab.measure(rest, "without it") if stages.unguarded(rest) else self.before
+        failing = self.lab.measure(rest, "without it") if stages.remove_guard(rest) else self.before
         if failing.failure is None:
             return None
         tools = stages.tools(failing.cell, cure.change, offline=self.lab.settings.offline)
@@ -266,9 +266,9 @@ class Search:
             bounds = search.bounded(chosen) if chosen else None
         if chosen is None or bounds is None:
             return None
-        if self._take(cure, stages.unguarded(merge_changes(search.rest, bounds)), "bounded, in every phase"):
+        if self._take(cure, stages.remove_guard(merge_changes(search.rest, bounds)), "bounded, in every phase"):
             return cure.change
-        exact = merge_changes(search.rest, narrowing.held(chosen))
+        exact = merge_changes(search.rest, narrowing.hold_packages(chosen))
         pinned = phase is Phase.SUITE and self._take(cure, exact, "pinned, in every phase")
         return cure.change if pinned else None
 
@@ -298,7 +298,7 @@ class Search:
         self.notes += search.notes
         return (
             cure.change
-            if self._take(cure, stages.unguarded(change), "the nearest that works, in every phase")
+            if self._take(cure, stages.remove_guard(change), "the nearest that works, in every phase")
             else None
         )
 

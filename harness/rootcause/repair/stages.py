@@ -61,7 +61,7 @@ class Place:
 Stage = Callable[[Place], Iterator[Move]]
 
 
-def guarded(place: Place, move: Move) -> Change:
+def add_guard(place: Place, move: Move) -> Change:
     """Return the change of a move; if the move has a guard, big packages are not built from source."""
     if not move.guard:
         return move.change
@@ -69,7 +69,7 @@ def guarded(place: Place, move: Move) -> Change:
     return candidate_changes.merge_changes(move.change, Change(only_binary=heavy))
 
 
-def unguarded(change: Change, own: Collection[str] = ()) -> Change:
+def remove_guard(change: Change, own: Collection[str] = ()) -> Change:
     """Return the change without the guard against builds, except for packages in `own`, which a remedy names itself."""
     gone = {*HEAVY} - {*own}
     return replace(change, only_binary=tuple(name for name in change.only_binary if name not in gone))
@@ -80,7 +80,7 @@ def named_bounds(place: Place) -> Iterator[Move]:
     cell, pinned = place.trial.cell, candidate_changes.pins(place.trial.cell)
     had = place.trial.versions | pinned
     for name, bound in failure_hints.find_unmet_bounds(place.trial.reasons, had).items():
-        line = f"{name}{failure_hints.written(bound)}"
+        line = f"{name}{failure_hints.format_bound(bound)}"
         why = f"the error names {line}"
         if name not in pinned:
             change, contrary = candidate_changes.merge_with_bounds(cell, Change(constraints=(line,)))
@@ -92,7 +92,9 @@ def named_bounds(place: Place) -> Iterator[Move]:
             change = candidate_changes.change_release(cell, name, f"=={newer[0]}")
             yield Move(change=change, way=Way.REFUSED, why=why)
         yield Move(
-            change=candidate_changes.change_release(cell, name, failure_hints.written(bound)), way=Way.REFUSED, why=why
+            change=candidate_changes.change_release(cell, name, failure_hints.format_bound(bound)),
+            way=Way.REFUSED,
+            why=why,
         )
 
 
@@ -256,8 +258,10 @@ def python(place: Place) -> Iterator[Move]:
 
 def _of_the_time(place: Place, older: Collection[str]) -> Iterator[Move]:
     """Yield the index of the time on older Pythons, if it had nothing that installs on this one."""
-    plain = unguarded(place.change)
-    dated = [one for one in place.lab.runs if one.change.as_of and unguarded(replace(one.change, as_of=None)) == plain]
+    plain = remove_guard(place.change)
+    dated = [
+        one for one in place.lab.runs if one.change.as_of and remove_guard(replace(one.change, as_of=None)) == plain
+    ]
     failed = {one.trial.failure.phase if one.trial.failure else None for one in dated}
     if place.change.as_of or not dated or not failed <= {*BOTH}:
         return

@@ -53,7 +53,7 @@ def instants(cell: Cell, installed: dict[str, str], minor: str, *, offline: bool
     pinned = candidate_changes.pins(cell) or {
         name: installed[name] for name in candidate_changes.asked_for(cell) if name in installed
     }
-    uploads = [at for name, version in pinned.items() if (at := uploaded(cell, name, version, offline=offline))]
+    uploads = [at for name, version in pinned.items() if (at := upload_time(cell, name, version, offline=offline))]
     if not uploads:
         return ()
     newest = datetime.fromisoformat(max(uploads))
@@ -66,7 +66,7 @@ def instants(cell: Cell, installed: dict[str, str], minor: str, *, offline: bool
     return tuple(text for text in texts if cell.question.snapshot is None or text < cell.question.snapshot)
 
 
-def uploaded(cell: Cell, name: str, version: str, *, offline: bool) -> str | None:
+def upload_time(cell: Cell, name: str, version: str, *, offline: bool) -> str | None:
     """Return the upload time of a release; None if it is unknown."""
     for release in releases(name, cell.question.index, None, offline=offline):
         if Version(release.version) == Version(version):

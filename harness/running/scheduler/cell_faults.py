@@ -36,7 +36,7 @@ def fault(shop: Workshop, cell: Cell, phase: Phase, error: Exception) -> Step:
     requirement of one combination of a matrix is the failure of that combination.
     """
     of_matrix = isinstance(error, UnusableRequirement) and not cell.asked
-    if isinstance(error, BrokenPipeError) or (isinstance(error, BadInput) and not of_matrix) or process.stopped():
+    if isinstance(error, BrokenPipeError) or (isinstance(error, BadInput) and not of_matrix) or process.is_stopped():
         raise error
     if of_matrix:
         return Step(phase=phase, outcome=Outcome.FAILED, decisive=shorten_line(str(error)))

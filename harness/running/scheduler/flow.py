@@ -32,7 +32,7 @@ from harness.running.scheduler import cell_faults
 from harness.running.scheduler.admission import Room
 from harness.running.scheduler.control import ControlledRunner
 from harness.running.scheduler.cost_history import Past
-from harness.running.scheduler.records import stopped
+from harness.running.scheduler.records import stopped_record
 from harness.running.scheduler.runner import Prepared, Runner
 from harness.running.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
 
@@ -210,7 +210,9 @@ class Flow:
         """Keep the record of a cell that met an exception which nobody foresaw."""
         phase = Phase.INSTALL if record.lock else Phase.RESOLVE
         # Without a mark the next run does not take this record as it is.
-        self._keep(replace(stopped(record, cell_faults.fault(self.runner, record.cell, phase, error)), mark=None))
+        self._keep(
+            replace(stopped_record(record, cell_faults.fault(self.runner, record.cell, phase, error)), mark=None)
+        )
 
     # --- both ------------------------------------------------------------------------------------------------------
 

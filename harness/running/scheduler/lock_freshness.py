@@ -20,7 +20,7 @@ def is_still_valid(lock: Lock, question: Question, locked_at: int) -> bool:
     """
     if not lock.escaped:
         return True
-    links = index_settings.combined(question.index).find_links
+    links = index_settings.combine(question.index).find_links
     sources = [pin.artifact.source for pin in lock.pins if pin.name in lock.escaped]
     if any("://" in place.removeprefix(FILE) for place in (*links, *sources)):
         return False

@@ -11,7 +11,7 @@ from harness.model.vocabulary import FAMILY
 from harness.running import case_run
 
 
-def finished(record: CellRecord) -> CellRecord:
+def finish_record(record: CellRecord) -> CellRecord:
     """Return the record with the fields that are known only at its end."""
     measured = max((phase.measured for phase in _phases(record) if phase.measured), default=now())
     whole = record.install and record.install.outcome is Outcome.PASSED and case_run.reusable(record.cases)
@@ -19,7 +19,7 @@ def finished(record: CellRecord) -> CellRecord:
     return replace(record, measured=measured, mark=mark, seconds=_seconds(record), reused=_reused(record))
 
 
-def stopped(record: CellRecord, step: Step) -> CellRecord:
+def stopped_record(record: CellRecord, step: Step) -> CellRecord:
     """Return a record whose resolve or install did not succeed: the cases are not reached."""
     cases = not_reached(record.cell)
     if step.outcome is Outcome.UNAVAILABLE:

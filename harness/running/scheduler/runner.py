@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import TYPE_CHECKING
 
-from harness.judging.exercised import unregistered
+from harness.judging.exercised import unregistered_id
 from harness.machine import debian_packages, interpreters, process, this_machine
 from harness.machine.files.file_locks import claim, exclusive
 from harness.machine.store import InstallResult, digest, question_key
@@ -34,9 +34,9 @@ from harness.probes.vault import Vault
 from harness.running import case_run
 from harness.running.scheduler import cell_faults, other_drawing
 from harness.running.scheduler.lock_freshness import is_still_valid
-from harness.running.scheduler.records import finished, not_reached, stopped, with_modules
+from harness.running.scheduler.records import finish_record, not_reached, stopped_record, with_modules
 from harness.running.scheduler.settings import Workshop
-from harness.running.scheduler.shared_environment import Pool, code_folder, conditioned, outdated
+from harness.running.scheduler.shared_environment import Pool, code_folder, is_outdated, mark_system
 from harness.running.scheduler.steps import Steps, carry_out, peek, pending
 from harness.running.scheduler.user_supplied import BroughtSoftware, missing
 
@@ -98,7 +98,7 @@ class Runner(Workshop):
 
     def keep(self, record: CellRecord) -> None:
         """Store the record of a cell, unless it tells less of the same than the record that is there."""
-        wrong = record.cell.asked and unregistered(record)  # a mistyped id says nothing of packages
+        wrong = record.cell.asked and unregistered_id(record)  # a mistyped id says nothing of packages
         if not wrong and record.cell.id not in self.unchanged and not self._tells_less(record):
             self.store.save_cell(record)
 
@@ -106,7 +106,7 @@ class Runner(Workshop):
         """Return the record of a cell of which everything is known; None where something has to be done."""
         try:
             ready = peek(self._prepared(cell))
-            return ready.record if ready.from_store else finished(ready.record)
+            return ready.record if ready.from_store else finish_record(ready.record)
         except BadInput:
             raise
         except InstallFault as fault:
@@ -124,10 +124,10 @@ class Runner(Workshop):
             return carry_out(self._prepared(cell))
         except InstallFault as fault:
             step = cell_faults.fault(self, cell, Phase.INSTALL, fault.error)
-            return Prepared(record=stopped(fault.record, step))
+            return Prepared(record=stopped_record(fault.record, step))
         except Exception as error:
             step = cell_faults.fault(self, cell, Phase.RESOLVE, error)
-            return Prepared(record=stopped(CellRecord(cell=cell, machine=this_machine.facts().id), step))
+            return Prepared(record=stopped_record(CellRecord(cell=cell, machine=this_machine.facts().id), step))
 
     def probe(self, ready: Prepared) -> CellRecord:
         """Run the missing probes of a prepared cell, mostly computing; return its record, still without controls."""
@@ -141,14 +141,14 @@ class Runner(Workshop):
                     record = other_drawing.retry_drawing(record, ready.cases, ready.around)
                 record = replace(record, suite=ready.suite.measure(record.cases) if ready.suite else None)
             except StepFailed as failed:
-                record = stopped(record, failed.step)
+                record = stopped_record(record, failed.step)
             except Exception as error:
-                record = stopped(record, cell_faults.fault(self, record.cell, Phase.INSTALL, error))
+                record = stopped_record(record, cell_faults.fault(self, record.cell, Phase.INSTALL, error))
         # Probes that our own stop ended look like failures: no record is made of them.
-        if process.stopped():
+        if process.is_stopped():
             message = f"{record.cell.id}: interrupted"
             raise CouldNotTell(message)
-        return record if ready.from_store else finished(record)
+        return record if ready.from_store else finish_record(record)
 
     def _case(self, cell: Cell, context: case_run.Context, case: Case) -> CaseRecord:
         try:
@@ -186,7 +186,7 @@ class Runner(Workshop):
         stored_answer = self.store.load_lock(key)
         if isinstance(stored_answer, Step):
             mended = uv_failures.may_be_mended(stored_answer) and not self.settings.offline
-            holds = not (outdated(stored_answer) or mended or self.settings.again or self.settings.fresh)
+            holds = not (is_outdated(stored_answer) or mended or self.settings.again or self.settings.fresh)
             return (None, replace(stored_answer, reused=True)) if holds else None
         if stored_answer is None or (
             self.settings.fresh and not is_still_valid(stored_answer, question, self.store.locked_at(key))
@@ -209,7 +209,7 @@ class Runner(Workshop):
             if isinstance(answer, Step):
                 # Other outcomes are trouble of the network or this machine, and may be gone in the next run.
                 if answer.outcome is Outcome.FAILED:
-                    self.store.save_lock(key, conditioned(answer))
+                    self.store.save_lock(key, mark_system(answer))
                 return None, answer
             self.store.save_lock(key, answer)
         return answer, Step(phase=Phase.RESOLVE, outcome=Outcome.PASSED, seconds=round(monotonic() - start, 3))
@@ -225,12 +225,12 @@ class Runner(Workshop):
         record = replace(record, python=interpreter.version, brought=self.luggage.of(cell))
         full_cell, tested = yield from self._complete_question(cell, interpreter)
         if isinstance(tested, Step):
-            return Prepared(record=stopped(record, tested))
+            return Prepared(record=stopped_record(record, tested))
         fetched = self.settings.fetched
         lock, step = fetched.answer(cell) if fetched else (yield from self.lock(full_cell.question, interpreter))
         record = replace(record, subject=tested.tested if tested else None, resolve=step)
         if lock is None:
-            return Prepared(record=stopped(record, step))
+            return Prepared(record=stopped_record(record, step))
         hashes = (one.artifact.sha256 for one in lock.pins)
         record = replace(
             record,
@@ -280,11 +280,11 @@ class Runner(Workshop):
         """Install, unless every result is known already."""
         install = pool.load_install() or (yield from pending(pool.install))
         if install.failed:
-            return Prepared(record=stopped(record, install.failed))
+            return Prepared(record=stopped_record(record, install.failed))
         if tested:
             from harness.running.scheduler import subject_in_cell  # noqa: PLC0415 - start-up
 
-            install = subject_in_cell.extended(install, tested)
+            install = subject_in_cell.add_subject(install, tested)
         record = replace(
             record,
             key=install.key,
@@ -294,7 +294,7 @@ class Runner(Workshop):
                 outcome=Outcome.PASSED,
                 seconds=install.seconds,
                 reused=pool.known,
-                findings=(*install.findings, *debian_packages.unchecked(record.cell.system)),
+                findings=(*install.findings, *debian_packages.note_unchecked(record.cell.system)),
             ),
         )
         try:
@@ -303,7 +303,7 @@ class Runner(Workshop):
                 return Prepared(record=record, site=site)
             return (yield from self._known_cases(record, pool, install, tested))
         except StepFailed as failed:
-            return Prepared(record=stopped(record, failed.step))
+            return Prepared(record=stopped_record(record, failed.step))
 
     def _known_cases(
         self, record: CellRecord, pool: Pool, install: InstallResult, tested: SubjectWheel | None

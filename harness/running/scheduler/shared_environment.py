@@ -43,7 +43,7 @@ class Pool:
         result, settings = self.shop.installed.get(self.key), self.shop.settings
         if result is None:
             result = None if settings.fresh else self.shop.store.load_installed(self.key)
-            if result is None or (result.failed and (settings.again or outdated(result.failed))):
+            if result is None or (result.failed and (settings.again or is_outdated(result.failed))):
                 return None
             self.shop.installed[self.key] = result
         self.known = True
@@ -70,7 +70,7 @@ class Pool:
                 self._discard(environment)
             return self._describe_environment(self.environment())
         except StepFailed as failed:
-            return InstallResult(failed=conditioned(failed.step))
+            return InstallResult(failed=mark_system(failed.step))
 
     def _discard(self, environment: Environment) -> None:
         from harness.packages.environments import environments  # noqa: PLC0415 - start-up
@@ -94,7 +94,7 @@ class Pool:
         with self.shop.once.turn(("environment", self.key)):
             if self.key not in self.shop.environments:
                 self.shop.observer.step(self.cell, Phase.INSTALL)
-                ensured = checked(self._ensured, self.shop)
+                ensured = make_environment(self._ensured, self.shop)
                 # An earlier case may have poisoned what numba and Warp compiled (docs/threat-model.md).
                 if self.shop.settings.verify or self.shop.settings.fresh:
                     bytecode.forget(code_folder(ensured))
@@ -115,7 +115,7 @@ class Pool:
         )
 
 
-def checked(make: Callable[[], Environment], shop: Workshop) -> Environment:
+def make_environment(make: Callable[[], Environment], shop: Workshop) -> Environment:
     """Make an environment; with `verify` also check every file of it, and make it anew if need be.
 
     Raises StepFailed.
@@ -138,11 +138,11 @@ def code_folder(environment: Environment) -> Path:
     return cache_folder() / "pycache" / environment.path.name
 
 
-def conditioned(step: Step) -> Step:
+def mark_system(step: Step) -> Step:
     """Return a failed build with a mark of the system that it failed on; a resolution depends on no system."""
     return replace(step, conditions=this_machine.conditions()) if step.phase is Phase.INSTALL else step
 
 
-def outdated(step: Step) -> bool:
+def is_outdated(step: Step) -> bool:
     """Return whether something was installed on this system since: a failed build is tried again."""
     return step.conditions not in {None, this_machine.conditions()}

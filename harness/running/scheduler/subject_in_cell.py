@@ -33,7 +33,7 @@ from harness.probes.evidence import Host, Request
 from harness.probes.vault import Vault
 from harness.running import own_suites
 from harness.running.scheduler.settings import Workshop
-from harness.running.scheduler.shared_environment import Pool, checked, conditioned, outdated
+from harness.running.scheduler.shared_environment import Pool, is_outdated, make_environment, mark_system
 from harness.running.scheduler.steps import Steps, pending
 
 
@@ -66,7 +66,7 @@ def _ready(shop: Workshop, cell: Cell, interpreter: Interpreter, key: str) -> St
     if wheel:
         return wheel
     before = None if settings.fresh or settings.again else shop.store.load_installed(key)
-    if before and before.failed and not outdated(before.failed):
+    if before and before.failed and not is_outdated(before.failed):
         return replace(before.failed, reused=True)
     return (yield from pending(lambda: _build(shop, cell, interpreter, key)))
 
@@ -79,11 +79,11 @@ def _build(shop: Workshop, cell: Cell, interpreter: Interpreter, key: str) -> Su
         return package_under_test.ensure_wheel(cell.subject, interpreter, cell.question, offline=shop.settings.offline)
     except StepFailed as failed:
         if failed.step.outcome is Outcome.FAILED:
-            shop.store.save_installed(key, InstallResult(failed=conditioned(failed.step)))
+            shop.store.save_installed(key, InstallResult(failed=mark_system(failed.step)))
         return failed.step
 
 
-def extended(install: InstallResult, tested: SubjectWheel) -> InstallResult:
+def add_subject(install: InstallResult, tested: SubjectWheel) -> InstallResult:
     """Return the install with the subject on top of it; the subject may register any environment."""
     name = tested.tested.name
     return replace(
@@ -112,7 +112,9 @@ def on_top(shop: Workshop, pool: Pool, tested: SubjectWheel) -> Environment:
     key = digest("on top", base.key, tested.tested.content)
     with shop.once.turn(("environment", key)):
         if key not in shop.environments:
-            environment = checked(lambda: environments.ensure_layer(base, tested.wheel, pool.interpreter), shop)
+            environment = make_environment(
+                lambda: environments.ensure_layer(base, tested.wheel, pool.interpreter), shop
+            )
             shop.environments[key] = environment
     return shop.environments[key]
 

@@ -64,7 +64,7 @@ def _text(path: Path) -> str:
         raise BadInput(message) from None
 
 
-def beside(state: Path) -> Knowledge:
+def load_knowledge(state: Path) -> Knowledge:
     """Return the knowledge that failures are compared with; their logs lie below the state folder."""
     return Knowledge(
         signatures=load_all,

@@ -137,14 +137,14 @@ def _check_environment(here: Viewpoint, probes: JsonObject, looked: JsonObject, 
     findings = [
         *_check_start(probes, apart),
         *environment_findings.report_failed_imports(probes, apart),
-        *environment_findings.skipped(probes),
+        *environment_findings.note_skipped(probes),
         *environment_findings.find_shadowing(here, looked),
         *package_findings.metadata(looked),
         *package_findings.conflicts(looked),
         *package_findings.check_pythons(looked),
         *package_findings.conda(looked),
         *package_findings.check_gym_mix(looked),
-        *environment_findings.twice(probes),
+        *environment_findings.find_loaded_twice(probes),
         *environment_findings.report_differences(here, looked, apart),
     ]
     return findings + [Finding("probe", NOTE, "could not be told: " + error) for error in looked["errors"]]

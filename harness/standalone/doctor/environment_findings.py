@@ -60,7 +60,7 @@ def evidence(probes: JsonObject) -> Iterator[Evidence]:
             yield Evidence(phase="import", reasons=reasons, signal=result.get("signal"))
 
 
-def skipped(probes: JsonObject) -> List[Finding]:
+def note_skipped(probes: JsonObject) -> List[Finding]:
     """Return notes on the packages that were not imported, with the reason."""
     return [
         Finding("import.skipped", NOTE, "{} was not imported: {}".format(name, why))
@@ -71,7 +71,7 @@ def skipped(probes: JsonObject) -> List[Finding]:
 # --- known failures --------------------------------------------------------------------------------------------
 
 
-def around(facts: JsonObject) -> Around:
+def failure_context(facts: JsonObject) -> Around:
     """Return the context for known failures: the installed versions and Python."""
     # A Python built from a checkout calls itself `3.14.0+`, which is no version.
     return Around(installed=versions(facts), python=facts["python"]["version"].rstrip("+"))
@@ -84,13 +84,13 @@ def known_causes(
 
     Matches in a log alone do not count.
     """
-    hits = diagnose(signatures, [*evidence(probes), *more], around(facts))
+    hits = diagnose(signatures, [*evidence(probes), *more], failure_context(facts))
     return tuple(hit for hit in hits if hit.is_reason)
 
 
 def find_silent_issues(signatures: Iterable[Any], facts: JsonObject, env: Optional[str] = None) -> List[Any]:
     """Return the silent known issues that what is installed runs into, and that speak of the environment asked for."""
-    return [one for one in lurking(signatures, around(facts)) if concerns(one, env, None)]
+    return [one for one in lurking(signatures, failure_context(facts)) if concerns(one, env, None)]
 
 
 def predict_failures(signatures: Iterable[Any], facts: JsonObject) -> List[Any]:
@@ -108,7 +108,7 @@ def predict_failures(signatures: Iterable[Any], facts: JsonObject) -> List[Any]:
         if not one.silent and sum(map(is_bounded, one.packages)) + bool(one.python) > 1
     ]
     by_remedy: Dict[Any, Any] = {}
-    for signature in lurking(sure, around(facts)):
+    for signature in lurking(sure, failure_context(facts)):
         remedy = tuple(sorted(versions_asked([signature])))
         if _mended(signature, there) and (
             remedy not in by_remedy or len(signature.phases) < len(by_remedy[remedy].phases)
@@ -167,7 +167,7 @@ def _hiding(place: str, entries: Sequence[JsonObject], *, standard: bool) -> Fin
 # --- libraries -------------------------------------------------------------------------------------------------
 
 
-def twice(probes: JsonObject) -> List[Finding]:
+def find_loaded_twice(probes: JsonObject) -> List[Finding]:
     """Return findings about shared libraries that were loaded more than once in a process."""
     paths = sorted({path for one in probes["imports"].values() for path in one["libraries"]})
     groups: Dict[str, Dict[str, str]] = {}

@@ -97,7 +97,7 @@ def _green(measured: JsonObject, env: Optional[str]) -> Iterator[Tuple[JsonObjec
     for cell in measured.get("cells", ()):
         lock = measured["locks"].get(cell["lock"]) if cell["lock"] else None
         # A cell with repaired wheels is no answer: the suggested command would install the ones of the index.
-        if lock and good(cell) and not cell.get("repairs") and (env is None or _has(cell, env)):
+        if lock and is_good(cell) and not cell.get("repairs") and (env is None or _has(cell, env)):
             yield cell, dict(lock)
 
 
@@ -108,7 +108,7 @@ def _shares(issues: Sequence[Any], cell: JsonObject, lock: Mapping[str, str]) ->
     return bool(matching.lurking(bounded, Around(installed=lock, python=cell["python"])))
 
 
-def good(cell: JsonObject) -> bool:
+def is_good(cell: JsonObject) -> bool:
     """Return whether a cell works, and no silent issue is left open in it."""
     return plainly_good(cell["verdict"], cell["unverified"])
 
@@ -116,13 +116,13 @@ def good(cell: JsonObject) -> bool:
 def _has(cell: JsonObject, env: str) -> bool:
     """Return whether an environment was made and stepped there."""
     return any(
-        bare(case["env"], case["api"]) == bare(env, case["api"]) and case["phases"].get("single") == "passed"
+        bare_id(case["env"], case["api"]) == bare_id(env, case["api"]) and case["phases"].get("single") == "passed"
         for case in cell["cases"]
         if case["env"]
     )
 
 
-def bare(env: str, api: str) -> str:
+def bare_id(env: str, api: str) -> str:
     """Return the id of an environment without the name of its API."""
     return env[len(api) + 1 :] if env.startswith(api + ":") else env
 
@@ -133,7 +133,7 @@ def _near(
     there = versions(facts)
     apart = [Change(name, there[name], then) for name, then in lock.items() if name in there and there[name] != then]
     if env is not None:
-        brought = {case["api"] for case in cell["cases"] if case["env"] and bare(case["env"], case["api"]) == env}
+        brought = {case["api"] for case in cell["cases"] if case["env"] and bare_id(case["env"], case["api"]) == env}
         named = {name for name in lock if name in SIMULATORS and (name in cell["axes"] or name in brought)}
         apart += [Change(name, None, lock[name]) for name in sorted(named - set(there))]
     changes = [one for one in apart if _matters(one)]
@@ -265,7 +265,7 @@ def find_failure(facts: JsonObject, measured: JsonObject) -> List[Finding]:
             continue
         candidate = _near(facts, cell, dict(lock), wanted, None)
         if not (candidate.changes or candidate.uncovered or candidate.foreign):
-            (green if good(cell) else red).append(cell)
+            (green if is_good(cell) else red).append(cell)
     telling = [(cell, envs) for cell in red for envs in [_failing(cell, wanted)] if envs and cell["decisive"]]
     return [] if green else [_red(cell, envs) for cell, envs in telling[:1]]
 

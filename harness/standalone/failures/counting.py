@@ -17,12 +17,12 @@ Says = Callable[[Any], bool]
 
 def select_counting(diagnoses: Iterable[Any], says: Says) -> Tuple[Any, ...]:
     """Return the diagnoses that count, in the order given, which is the deepest cause first."""
-    causes = nameable(diagnoses, says)
+    causes = select_nameable(diagnoses, says)
     specific = {one.seen for one in causes if not one.masks and not one.generic and one.seen}
     return tuple(one for one in causes if one.masks or not (one.generic and one.seen in specific))
 
 
-def nameable(diagnoses: Iterable[Any], says: Says) -> List[Any]:
+def select_nameable(diagnoses: Iterable[Any], says: Says) -> List[Any]:
     """Return the diagnoses that an expectation may name: those that count, and general ones of the same lines.
 
     So an expectation stays met when something more specific comes to be known of its failure.

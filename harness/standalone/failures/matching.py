@@ -249,7 +249,7 @@ def _by_pattern(signature: Any, evidence: Any) -> Optional[Diagnosis]:
 
 
 @lru_cache(maxsize=None)
-def compiled(pattern: str) -> re.Pattern[str]:
+def compile_once(pattern: str) -> re.Pattern[str]:
     """Return a pattern, compiled once."""
     # `literals.clauses` parses with the same flag; a pattern that ignored case only here would lose matches.
     return re.compile(pattern, re.MULTILINE)
@@ -257,7 +257,7 @@ def compiled(pattern: str) -> re.Pattern[str]:
 
 def search(pattern: str, text: str) -> Optional[re.Match[str]]:
     """Find a pattern; in most texts its literals are missing, which is seen quickly."""
-    return compiled(pattern).search(text) if literals.possible(pattern, text) else None
+    return compile_once(pattern).search(text) if literals.possible(pattern, text) else None
 
 
 def _line(text: str, match: re.Match[str]) -> str:

@@ -173,8 +173,8 @@ def test_environments_are_found_by_the_literals_that_register_them() -> None:
     parser.register("action", "x")
     """
 
-    assert list(drafts.registered(dedent(text))) == ["A-v0", "ns/B-v12"]
-    assert list(drafts.registered("register(")) == []
+    assert list(drafts.environment_ids(dedent(text))) == ["A-v0", "ns/B-v12"]
+    assert list(drafts.environment_ids("register(")) == []
 
 
 def test_a_project_is_measured_at_what_it_claims() -> None:
@@ -235,12 +235,12 @@ def test_the_tests_of_a_project(
     expected: SuiteDraft | None,
 ) -> None:
     """Tests are found by names of extras and groups, by pytest in them, or by CI; without a folder there are none."""
-    assert drafts.suite(extras, groups, folders, in_workflow=in_workflow) == expected
+    assert drafts.draft_suite(extras, groups, folders, in_workflow=in_workflow) == expected
 
 
 def test_a_project_that_configures_its_tests_gets_no_folder() -> None:
     """pytest finds them itself, wherever they lie."""
-    assert drafts.suite({}, {}, ("checks",), configured=True) == SuiteDraft()
+    assert drafts.draft_suite({}, {}, ("checks",), configured=True) == SuiteDraft()
 
 
 def test_extras_that_users_install() -> None:

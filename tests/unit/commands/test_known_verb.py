@@ -122,7 +122,7 @@ def test_a_wheel_opens_them_too(
     file = REPORTS / "quickstart" / "report.json"
     report = json.loads(file.read_bytes())
     packed = fresh / "reports.zip"
-    packed.write_bytes(digest.packed_reports([file]))
+    packed.write_bytes(digest.pack_reports([file]))
     monkeypatch.setattr(shipped_reports, "PACKED", packed)
     monkeypatch.setattr(result_index, "report_files", list)
     shipped_reports.load.cache_clear()

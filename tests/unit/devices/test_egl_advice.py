@@ -44,7 +44,7 @@ def test_a_device_that_cuda_has_and_egl_has_not() -> None:
         {"MUJOCO_GL": "egl", "MUJOCO_EGL_DEVICE_ID": "0"},
         ("CUDA_VISIBLE_DEVICES",),
     )
-    assert egl_advice.troubles(egl_advice.applied(advice, variables), ONE) == {}
+    assert egl_advice.troubles(egl_advice.apply_advice(advice, variables), ONE) == {}
 
 
 def test_no_way_of_drawing_chosen_and_no_display() -> None:

@@ -12,10 +12,21 @@ from builders import case, cell, entry, make_knowledge, phase, record, step, war
 from specimens import RESET, XML
 
 from harness.judging.assess import assess
-from harness.judging.known_failures import Knowledge, counted
+from harness.judging.known_failures import Knowledge, select_counting
 from harness.matrix import signatures
 from harness.matrix.signatures import Sighting
-from harness.model import CellRecord, CheckRecord, Expectation, Observed, Outcome, Phase, Step, Subject, Suite, Verdict
+from harness.model import (
+    CellRecord,
+    CheckRecord,
+    Expectation,
+    Observation,
+    Outcome,
+    Phase,
+    Step,
+    Subject,
+    Suite,
+    Verdict,
+)
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry
 from harness.running import own_suites
@@ -88,7 +99,7 @@ def test_texts_of_a_failure() -> None:
 
 def test_observations_of_a_failure_come_with_their_lines() -> None:
     """Each observation comes with its line: the line that says why, or that of a finding beside it."""
-    said, beside = (Observed(check="vector.sync", code=code) for code in ("vector.rewards", "vector.repeat"))
+    said, beside = (Observation(check="vector.sync", code=code) for code in ("vector.rewards", "vector.repeat"))
     check = CheckRecord(check="vector.sync", outcome=Outcome.FAILED, decisive=XML, observed=said)
     finding = replace(warning("vector.repeat", "another trajectory"), observed=beside)
     failed = replace(VECTOR, checks=(check,), findings=(finding, warning("vector.x", "of a library")))
@@ -154,9 +165,9 @@ def test_a_mask_that_was_seen_through_is_no_cause() -> None:
     check = CheckRecord(check="vector.sync", outcome=Outcome.FAILED, decisive=through.decisive, masked_by=RESET)
     seen = entry(record(case("ppfp", vector=replace(through, checks=(check,)))), knowledge())
     assert [each.signature for each in seen.diagnoses] == ["mask"]
-    assert counted(seen) == ()
+    assert select_counting(seen) == ()
     bare = entry(record(case("ppfp", vector=replace(VECTOR, decisive=RESET, checks=()))), knowledge())
-    assert [each.signature for each in counted(bare)] == ["mask"]
+    assert [each.signature for each in select_counting(bare)] == ["mask"]
 
 
 def expecting(signature: str) -> CellRecord:
@@ -203,11 +214,11 @@ def test_signatures_come_from_the_named_folder(tmp_path: Path, monkeypatch: pyte
 def test_an_expectation_without_a_signature_reads_no_log(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Pytest items and `--only-failed` read no log for a cell whose expectation names no signature."""
     monkeypatch.setenv(signature_files.VARIABLE, str(tmp_path / "gone"))
-    assert assess(MASKED, shipped_signatures.beside(tmp_path)).as_expected is False
+    assert assess(MASKED, shipped_signatures.load_knowledge(tmp_path)).as_expected is False
     monkeypatch.delenv(signature_files.VARIABLE)
     reset = replace(VECTOR, decisive=RESET, checks=())
     made = replace(expecting("worker-connection-reset"), cases=(case("ppfp", vector=reset),))
-    assert assess(made, shipped_signatures.beside(tmp_path)).as_expected is True
+    assert assess(made, shipped_signatures.load_knowledge(tmp_path)).as_expected is True
 
 
 def test_the_cause_of_a_suite_without_an_environment() -> None:

@@ -17,12 +17,12 @@ from harness.judging.runs.todo import todo
 from harness.model import Outcome, Phase, PhaseRecord
 from harness.model.machine_trouble import SHOT
 from harness.probes import wire
-from harness.probes.evidence import End, Host, Reading, Request
+from harness.probes.evidence import Host, Reading, Request, RunEnd
 
 ALL = ("import.modules", "single.loop", "vector.sync", "vector.async.fork", "render.rgb_array")
-KILLED = End(signal=9, seconds=2.0)
-CRASH = End(signal=11, seconds=2.0)
-OVERRAN = End(signal=9, killed="limit of 120 s", overran=120.0, seconds=121.0)
+KILLED = RunEnd(signal=9, seconds=2.0)
+CRASH = RunEnd(signal=11, seconds=2.0)
+OVERRAN = RunEnd(signal=9, killed="limit of 120 s", overran=120.0, seconds=121.0)
 WHOLE = Request(case=CASE, limits=dict.fromkeys(ALL, 120.0), followers=wire.followers_of(ALL))
 AGAIN = Request(case=CASE, limits={"single.repeat": 240.0})
 COMPARED = reading(AGAIN, passed("single.repeat"))
@@ -144,13 +144,13 @@ def test_broken_byte_code_is_compiled_again() -> None:
 def test_a_probe_that_did_not_start() -> None:
     """No package was tried; where Python alone does not start with what is installed, one is at fault."""
     printed = {"log.txt": b"Fatal Python error: no module named encodings\n"}
-    silent = reading(WHOLE, texts=printed, end=End(exit_code=1))
+    silent = reading(WHOLE, texts=printed, end=RunEnd(exit_code=1))
     found = phases_after(plan_case(), silent)[Phase.IMPORT]
     assert found.outcome is Outcome.INFRA
     assert found.decisive == "the probe did not start: Fatal Python error: no module named encodings"
 
     why = "Python does not start with what is installed: ValueError: bad .pth"
-    blamed = reading(WHOLE, end=End(exit_code=1), host=replace(HERE, bare_start=why))
+    blamed = reading(WHOLE, end=RunEnd(exit_code=1), host=replace(HERE, bare_start=why))
     found = phases_after(plan_case(), blamed)[Phase.IMPORT]
     assert (found.outcome, found.decisive) == (Outcome.FAILED, why)
 
@@ -283,7 +283,7 @@ def test_a_later_run_counts() -> None:
     assert outcomes(phases_after(plan_case(), failed, again))["render"] == "passed"
 
 
-TROUBLE = End(exit_code=1, full=True)
+TROUBLE = RunEnd(exit_code=1, full=True)
 
 
 @pytest.mark.parametrize(
@@ -296,7 +296,7 @@ TROUBLE = End(exit_code=1, full=True)
         (TROUBLE, HERE, False, False),
     ],
 )
-def test_a_failure_is_reused_where_it_says_something(end: End, host: Host, again: bool, reused: bool) -> None:
+def test_a_failure_is_reused_where_it_says_something(end: RunEnd, host: Host, again: bool, reused: bool) -> None:
     """A failure is not reused under other conditions, on request, or after trouble of this machine."""
     failed = reading(WHOLE, [Check(name="import.modules", outcome=FAILED, message="no")], end=end, host=host)
 

@@ -9,7 +9,7 @@ import pytest
 from builders import warning
 
 from harness.judging.runs.check import Ending, check_record, reachable, side_findings, was_killed
-from harness.model import CheckReply, Finding, Observed, Outcome, Phase, ProbeReply, Raised, WorkerRecord
+from harness.model import CheckReply, Finding, Observation, Outcome, Phase, ProbeReply, Raised, WorkerRecord
 from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.model.words import sentence
 from harness.probes import wire
@@ -76,12 +76,12 @@ def test_a_check_that_never_ended(ending: Ending, outcome: Outcome, decisive: st
     assert (record.outcome, record.decisive) == (outcome, decisive)
 
 
-def observation(code: str, check: str = "single.contact", **data: str) -> Observed:
+def observation(code: str, check: str = "single.contact", **data: str) -> Observation:
     """Return an observation of a check."""
-    return Observed(check=check, code=code, data=data)
+    return Observation(check=check, code=code, data=data)
 
 
-def violation(observed: Observed) -> Raised:
+def violation(observed: Observation) -> Raised:
     """Return an observation as the exception that it stands for."""
     return Raised(type="ContractViolation", message=sentence(observed), traceback="", blame="library")
 

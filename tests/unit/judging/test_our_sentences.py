@@ -14,7 +14,7 @@ import msgspec
 import pytest
 
 from harness.matrix.signatures import Sighting, Signature
-from harness.model import Observed, Phase, words
+from harness.model import Observation, Phase, words
 from harness.model.words import VIOLATION
 from harness.reports import document
 from harness.running.signatures.shipped_signatures import load_all
@@ -51,7 +51,7 @@ def samples(code: str) -> Iterator[str]:
     chosen = [found or SAMPLES.get(name, ("word",)) for (name, _), found in zip(fields, choices, strict=True)]
     for values in product(*chosen):
         data = {name: value for (name, _), value in zip(fields, values, strict=True)}
-        text = words.sentence(Observed(check="single.loop", code=code, data=data))
+        text = words.sentence(Observation(check="single.loop", code=code, data=data))
         yield from (text, f"{VIOLATION}: {text}", *(f"{check}: {text}" for check in CHECKS))
 
 
@@ -108,12 +108,12 @@ def test_a_pattern_of_our_own_sentence_is_seen(pattern: str) -> None:
 BY_CODE = [one for one in load_all() if one.code]
 
 
-def observed(one: Signature) -> Iterator[Observed]:
+def observed(one: Signature) -> Iterator[Observation]:
     """Yield observations with the codes of a known failure, some of which have its data."""
     for code in one.codes:
         fields = sorted(words.fields(code))
         for values in product(*((*SAMPLES.get(name, ()), *TABLES.get(name, ()), "word") for name in fields)):
-            yield Observed(check="x", code=code, data=dict(zip(fields, values, strict=True)))
+            yield Observation(check="x", code=code, data=dict(zip(fields, values, strict=True)))
 
 
 @pytest.mark.parametrize("one", BY_CODE, ids=lambda one: one.id)

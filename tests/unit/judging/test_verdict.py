@@ -9,7 +9,7 @@ from builders import CHECKS, LETTERS, case, cell, phase, plain, record, render_p
 from harness.judging import expectation
 from harness.judging.assess import Assessed, assess
 from harness.judging.counted_phases import ON_REQUEST, effective
-from harness.judging.expectation import says
+from harness.judging.expectation import matches_line
 from harness.judging.runs import misleading
 from harness.model import (
     CASE_PHASES,
@@ -23,7 +23,7 @@ from harness.model import (
     Expectation,
     Finding,
     Level,
-    Observed,
+    Observation,
     Outcome,
     Phase,
     PhaseRecord,
@@ -211,7 +211,7 @@ def test_all_that_was_asked_for(said: Verdict, phases: str, expected: bool) -> N
     letters = {"p": Outcome.PASSED, "s": Outcome.SKIPPED, "n": Outcome.NOT_REACHED, "u": Outcome.UNAVAILABLE,
                "f": Outcome.FAILED}  # fmt: skip
     found = {phase: letters[letter] for phase, letter in zip(CASE_PHASES, phases, strict=False)}
-    assert expectation.fulfilled(said, found) is expected
+    assert expectation.is_fulfilled(said, found) is expected
 
 
 def test_without_a_loop_nothing_is_works() -> None:
@@ -425,10 +425,10 @@ def test_expectations(
     expect: Expectation | None, judged: Assessed, as_expected: bool | None, stale: str | None
 ) -> None:
     """A judgement is compared with verdict, phase and line; better than expected is stale, not as expected."""
-    assert expectation.expected(cell(expect=expect), judged, TODAY, tuple) == (as_expected, stale)
+    assert expectation.compare_expected(cell(expect=expect), judged, TODAY, tuple) == (as_expected, stale)
 
 
-BLANK = Observed(check="render.rgb_array", code="render.blank", got=[0, 0, 0])
+BLANK = Observation(check="render.rgb_array", code="render.blank", got=[0, 0, 0])
 BLACK = "ContractViolation: blank frame: every pixel is [0, 0, 0]"
 
 
@@ -446,11 +446,11 @@ BLACK = "ContractViolation: blank frame: every pixel is [0, 0, 0]"
     ],
 )
 def test_an_expected_code(
-    code: str, data: dict[str, str], line: str | None, seen: Observed | None, expected: bool
+    code: str, data: dict[str, str], line: str | None, seen: Observation | None, expected: bool
 ) -> None:
     """The observation is compared; where a document has the line alone, that."""
     expect = Expectation(verdict=Verdict.PARTIAL, reason="known", code=code, data=data)
-    assert says(expect, line, seen) is expected
+    assert matches_line(expect, line, seen) is expected
 
 
 def test_the_observation_of_the_decisive_line() -> None:
@@ -497,7 +497,7 @@ CAMERA = Case(id="Ant-v5", env="Ant-v5", api="gymnasium", checks=(*CHECKS.values
 def camera_case(camera: Outcome, *, single: Outcome = Outcome.PASSED) -> CaseRecord:
     """Return a case that drew a picture, with this outcome of its camera check."""
     picture = render_phase(camera, "lookat is (0.55, 0.55, 0.55)")
-    render = replace(picture, outcome=worst(one.outcome for one in misleading.settled(picture.checks)))
+    render = replace(picture, outcome=worst(one.outcome for one in misleading.deciding_checks(picture.checks)))
     ended = phase(Phase.SINGLE, single, None if single is Outcome.PASSED else "no reset")
     return case("pppp", "Ant-v5", single=ended, render=render)
 
@@ -511,8 +511,8 @@ def test_a_misleading_check_that_fails_leaves_its_phase_and_makes_the_verdict() 
     assert (judged.verdict, judged.phase) == (Verdict.MISLEADS, Phase.RENDER)
     assert judged.decisive == "lookat is (0.55, 0.55, 0.55)"
     assert judged.phases[Phase.RENDER] is Outcome.PASSED
-    assert expectation.expected(seen.cell, judged, "2026-11-23", tuple)[0] is False
-    assert not expectation.fulfilled(judged.verdict, judged.phases)
+    assert expectation.compare_expected(seen.cell, judged, "2026-11-23", tuple)[0] is False
+    assert not expectation.is_fulfilled(judged.verdict, judged.phases)
 
 
 def test_misleads_comes_before_the_failures_of_other_phases() -> None:
@@ -556,9 +556,12 @@ def test_misleads_may_be_expected() -> None:
     expect = Expectation(verdict=Verdict.MISLEADS, reason="numpy 2", phase=Phase.RENDER, match="lookat")
     whole = replace(cell(), cases=(CAMERA,), expect=expect)
 
-    assert expectation.expected(whole, assess(record(camera_case(Outcome.FAILED), of=whole)), "2026", tuple)[0] is True
+    assert (
+        expectation.compare_expected(whole, assess(record(camera_case(Outcome.FAILED), of=whole)), "2026", tuple)[0]
+        is True
+    )
     works = assess(record(camera_case(Outcome.PASSED), of=whole))
-    assert expectation.expected(whole, works, "2026", tuple) == (
+    assert expectation.compare_expected(whole, works, "2026", tuple) == (
         False,
         f"{whole.id} does better than expected: works instead of misleads",
     )

@@ -140,15 +140,15 @@ def test_every_error_of_a_decoder_is_one_error(
 
 def test_a_process_without_descriptors_blames_no_file() -> None:
     """A process that can open nothing any more says nothing of the file."""
-    with pytest.raises(OSError, match="Too many"), hostile_data.understanding():
+    with pytest.raises(OSError, match="Too many"), hostile_data.raise_unreadable():
         raise OSError(errno.EMFILE, "Too many open files")
-    with pytest.raises(Absent), hostile_data.understanding():
+    with pytest.raises(Absent), hostile_data.raise_unreadable():
         raise FileNotFoundError(errno.ENOENT, "No such file")
 
 
 def test_interrupts_are_no_fault_of_a_file() -> None:
     """Ctrl-C while a file is decoded is not taken for damage."""
-    with pytest.raises(KeyboardInterrupt), hostile_data.understanding():
+    with pytest.raises(KeyboardInterrupt), hostile_data.raise_unreadable():
         raise KeyboardInterrupt
 
 

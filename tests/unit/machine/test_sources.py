@@ -43,7 +43,7 @@ def imports_by_syntax(module: str) -> set[str]:
 )
 def test_nothing_that_is_imported_is_missed(module: str) -> None:
     """The quick reading of import lines finds what the compiler finds."""
-    assert set(source_digests.imported(module)) == imports_by_syntax(module)
+    assert set(source_digests.imported_files(module)) == imports_by_syntax(module)
 
 
 JUDGING = tuple(f"judging.runs.{name}" for name in ("case", "check", "fold", "todo", "misleading", "native_errors"))
@@ -52,7 +52,7 @@ JUDGING = tuple(f"judging.runs.{name}" for name in ("case", "check", "fold", "to
 @pytest.mark.parametrize("module", [*JUDGING, "judging.runs.decisive_line", "standalone.failures.lines", "probes.wire"])
 def test_modules_that_judge_a_probe_are_part_of_a_mark(module: str) -> None:
     """The record of a cell is judged again when any module changes that has a say in an outcome, line or finding."""
-    assert any(f"harness.{module}" in source_digests.imported(one) for one in case_run.JUDGING)
+    assert any(f"harness.{module}" in source_digests.imported_files(one) for one in case_run.JUDGING)
 
 
 def test_a_change_two_imports_away_changes_the_digest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,6 +88,6 @@ def test_a_report_depends_on_all_that_it_is_made_with() -> None:
     """A change of a module that renders, judges or matches, or of a template, makes a report anew."""
     files = set(freshness.list_sources())
 
-    assert set(source_digests.imported("harness.reports.publishing").values()) <= files
+    assert set(source_digests.imported_files("harness.reports.publishing").values()) <= files
     assert PACKAGE / "standalone" / "failures" / "matching.py" in files
     assert {path.name for path in files} >= {"report.md.j2", "camera_pages.py", "identity.py", "check.py", "words.toml"}

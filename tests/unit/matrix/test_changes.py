@@ -362,8 +362,8 @@ class TestProof:
             msgspec.structs.replace(whole, cells=(whole.cells[1],)),
         ]
         assert proofs(parts[0])[0] == ("solver", False, None)
-        assert proofs(document.combined(parts))[0] == ("solver", True, CURE.id)
-        assert proofs(document.combined([whole, parts[0]]))[0] == ("solver", True, CURE.id)
+        assert proofs(document.combine(parts))[0] == ("solver", True, CURE.id)
+        assert proofs(document.combine([whole, parts[0]]))[0] == ("solver", True, CURE.id)
 
 
 XML_RED = case("ppfp", vector=phase(Phase.VECTOR, Outcome.FAILED, XML, masked_by=RESET))

@@ -5,7 +5,7 @@ from itertools import combinations, product
 
 import pytest
 
-from harness.matrix.plan.covering import Row, covering, parts, uncovered
+from harness.matrix.plan.covering import Row, covering, parts, uncovered_parts
 
 
 def parts_of(rows: list[Row], ways: int) -> set[object]:
@@ -83,8 +83,8 @@ def test_uncovered_parts_are_listed_once() -> None:
     """Of a value that no row has, the pairs with it are not told again."""
     rows = [(0, 0, 0), (0, 1, 1)]
 
-    assert uncovered(rows, [2, 2, 2], 2) == [((0, 1),), ((1, 0), (2, 1)), ((1, 1), (2, 0))]
-    assert uncovered(list(product(range(2), repeat=3)), [2, 2, 2], 3) == []
+    assert uncovered_parts(rows, [2, 2, 2], 2) == [((0, 1),), ((1, 0), (2, 1)), ((1, 1), (2, 0))]
+    assert uncovered_parts(list(product(range(2), repeat=3)), [2, 2, 2], 3) == []
 
 
 def test_uncovered_is_what_covering_could_not_reach() -> None:
@@ -92,7 +92,7 @@ def test_uncovered_is_what_covering_could_not_reach() -> None:
     for seed in range(50):
         sizes, allowed = some_rows(seed)
         chosen = covering(allowed, 2)
-        missing = uncovered(chosen, sizes, 2)
+        missing = uncovered_parts(chosen, sizes, 2)
         for axes in combinations(range(len(sizes)), 2):
             for values in product(*(range(sizes[axis]) for axis in axes)):
                 part = tuple(zip(axes, values, strict=True))

@@ -58,7 +58,7 @@ class TestSignature:
     def test_knows_its_own_texts(self, one: Signature) -> None:
         """Each of its examples, and goes before all others that see something there; of a mask those are masks."""
         for text in one.examples:
-            assert one.wording is None or matching.compiled(one.wording).search(text), text
+            assert one.wording is None or matching.compile_once(one.wording).search(text), text
             found = named(one, text)
             if one.masks:
                 assert (one.id, True) in found

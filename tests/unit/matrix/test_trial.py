@@ -7,7 +7,7 @@ import pytest
 
 from harness.commands.ad_hoc_cell import models
 from harness.matrix import plan
-from harness.matrix.plan.speaking import declared
+from harness.matrix.plan.speaking import declared_ids
 from harness.model import Case, Question
 from harness.model.errors import BadInput
 from harness.model.vocabulary import APIS, api_of, checks_of
@@ -313,6 +313,6 @@ def test_environments_of_which_nothing_tells_the_api(
 
 def test_rows_of_adapters() -> None:
     """Each row names an adapter, and its example is an id that tells it, in the form that it says."""
-    assert {row.api for row in declared()} <= set(APIS)
-    for row in declared():
+    assert {row.api for row in declared_ids()} <= set(APIS)
+    for row in declared_ids():
         assert api_of(row.example, None) == row.api

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from harness.model import Observed, words
+from harness.model import Observation, words
 
 
-def observation(code: str, **more: Any) -> Observed:
+def observation(code: str, **more: Any) -> Observation:
     """Return an observation of some check."""
     named = {name: more.pop(name) for name in ("at", "got", "promised") if name in more}
-    return Observed(check="single.loop", code=code, data=more, **named)
+    return Observation(check="single.loop", code=code, data=more, **named)
 
 
 WHERE = {"call": "reset()", "value": "an observation"}
@@ -61,9 +61,9 @@ NESTED = {"code": "render.blank", "at": None, "got": [0, 0, 0], "promised": None
             "reset() returned an observation that is a list where an array was promised",
         ),
     ],
-    ids=lambda value: value.code if isinstance(value, Observed) else "",
+    ids=lambda value: value.code if isinstance(value, Observation) else "",
 )
-def test_sentences(observed: Observed, sentence: str) -> None:
+def test_sentences(observed: Observation, sentence: str) -> None:
     """Each as users have read it; the pattern of the code finds it, and so does that of all its data."""
     assert words.sentence(observed) == sentence
     if observed.code in {"raised", "unmeasured.raised", "unmeasured.arrays"}:
@@ -78,7 +78,7 @@ def _exactly(value: Any) -> Any:
     """Return a condition that only this value meets."""
     if isinstance(value, dict):
         return {name: _exactly(one) for name, one in value.items()}
-    return value if isinstance(value, int | float) else words.escaped(str(value))
+    return value if isinstance(value, int | float) else words.escape(str(value))
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def _exactly(value: Any) -> Any:
     ],
     ids=lambda observed: observed.code,
 )
-def test_every_record_of_a_cell_has_words(observed: Observed) -> None:
+def test_every_record_of_a_cell_has_words(observed: Observation) -> None:
     """An unknown code, data that are missing and data of another kind: some text, and no exception."""
     assert words.sentence(observed)
     assert not words.contains("render.blank", {}, observed)

@@ -8,7 +8,7 @@ import pytest
 from harness.model import IndexSettings
 from harness.model.errors import BadInput
 from harness.packages import index_settings
-from harness.packages.index_settings import UserIndex, combined, settings
+from harness.packages.index_settings import UserIndex, combine, settings
 
 
 @pytest.fixture(autouse=True)
@@ -106,7 +106,7 @@ def test_a_matrix_stands_before_the_user(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setenv("UV_DEFAULT_INDEX", "https://user.test")
     monkeypatch.setenv("UV_FIND_LINKS", "/user")
 
-    found = combined(IndexSettings(default="https://matrix.test", find_links=("/matrix",), no_index=True))
+    found = combine(IndexSettings(default="https://matrix.test", find_links=("/matrix",), no_index=True))
 
     assert (found.default, found.find_links, found.no_index) == ("https://matrix.test", ("/matrix", "/user"), True)
 

@@ -12,7 +12,7 @@ import pytest
 
 from harness.judging.runs.check import Ending, check_record
 from harness.model import CheckReply, Outcome
-from harness.probes.facts import believed, plain
+from harness.probes.facts import drop_mistyped, plain
 
 frames = import_module("harness.incell.cell_pictures")
 trace = import_module("harness.incell.cell_trace")
@@ -91,7 +91,7 @@ def test_values_are_bounded(width: int, entries: int, kept: int) -> None:
     values = made.values()
     assert (values["steps"], values["sizes"][0], len(values["entries"])) == (entries, width, kept)
     assert max(len(part) for entry in values["entries"] for part in entry) == min(width, 64)
-    assert believed({"values": values}) == ({"values": values}, None)
+    assert drop_mistyped({"values": values}) == ({"values": values}, None)
 
 
 CAMERA = {"position": [0, 1, 2], "forward": [0.0, 1.0, 0.0], "up": [0.0, 0.0, 1.0], "fovy": 45.0}
@@ -110,7 +110,7 @@ VALUES = {"steps": 9, "sizes": [4, 1, 1, 1], "entries": [[[0.5, 1]], [[0.5, None
 )
 def test_honest_facts_are_believed(facts: dict[str, Any]) -> None:
     """They stay as they are, beside all other facts."""
-    assert believed(facts) == (facts, None)
+    assert drop_mistyped(facts) == (facts, None)
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_honest_facts_are_believed(facts: dict[str, Any]) -> None:
 )
 def test_a_fact_that_cannot_be_believed_is_left_out(name: str, fact: Any, why: str) -> None:
     """The check and its other facts stay, and the problem is named."""
-    kept, refusal = believed({name: fact, "gl": {"modules": ["mujoco"]}})
+    kept, refusal = drop_mistyped({name: fact, "gl": {"modules": ["mujoco"]}})
     assert kept == {"gl": {"modules": ["mujoco"]}}
     assert refusal is not None
     assert refusal.startswith(f"its fact {name} is left out: {why}")

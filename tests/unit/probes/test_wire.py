@@ -16,7 +16,7 @@ from harness.model import (
     CheckReply,
     Finding,
     Level,
-    Observed,
+    Observation,
     Outcome,
     Phase,
     ProbeReply,
@@ -39,7 +39,7 @@ PASSED = {
 }
 RAISED = {"type": "ValueError", "message": "wrong", "traceback": "Traceback ...", "blame": "library"}
 OUTSIDE = {"code": "space.outside", "at": 3, "got": None, "promised": "Discrete(2)", "data": {"call": "step()"}}
-SEEN = Observed(check="single.space", code="space.outside", at=3, promised="Discrete(2)", data={"call": "step()"})
+SEEN = Observation(check="single.space", code="space.outside", at=3, promised="Discrete(2)", data={"call": "step()"})
 WORDS = "step() returned an observation outside its space Discrete(2)"
 DEEP = reduce(lambda inner, _: [inner], range(20), [0])
 END = {"kind": "end", "modules": ["bootstrap.py"], "versions": {"numpy": "2.0.0"}}

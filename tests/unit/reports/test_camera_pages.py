@@ -60,7 +60,7 @@ def case(outcome: Outcome, why: str = "", check: str = camera_pages.CHECK) -> Ca
 )
 def test_the_result_of_a_camera_in_a_word(entry: CaseEntry, native: tuple[str, ...], expected: str) -> None:
     """A picture, each way to have none, and what says nothing of the camera, are told apart."""
-    assert str(camera_pages.way(entry, native)) == expected
+    assert str(camera_pages.classify_case(entry, native)) == expected
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ def test_locks_of_two_pythons_keep_their_own_files() -> None:
     """Two locks with one release and other files of it: each gets its own hashes again."""
     cells = [cell(name, lock=sha256(text)) for name, text in (("a", NUMPY), ("b", SHORTER))]
 
-    made = digest.combined([part(one, locks=(NUMPY, SHORTER)) for one in cells])
+    made = digest.combine([part(one, locks=(NUMPY, SHORTER)) for one in cells])
 
     assert made.hashes == {"numpy==2.2.6": (ONE, TWO)}
     assert {text: made.lock_text(sha256(text)) for text in (NUMPY, SHORTER)} == {NUMPY: NUMPY, SHORTER: SHORTER}
@@ -91,7 +91,7 @@ def test_the_newer_measurement_stands() -> None:
     new = part(cell("a", "2026-02-01T00:00:00Z", lock=sha256(SHORTER)), locks=(SHORTER,))
 
     for parts in ([old, new], [new, old]):
-        made = digest.combined(parts)
+        made = digest.combine(parts)
         assert [one.measured for one in made.cells] == ["2026-02-01T00:00:00Z"]
         assert [*made.locks] == [sha256(SHORTER)]
 
@@ -100,7 +100,7 @@ def test_machines_never_mix() -> None:
     """A cell measured on two machines has a result of each, however old."""
     here, there = cell("a", "2026-02-01T00:00:00Z", "here"), cell("a", "2026-01-01T00:00:00Z", "there")
 
-    made = digest.combined(
+    made = digest.combine(
         [
             part(there, machines={"there": {"os": "another"}}),
             part(here, machines={"here": {"os": "one"}, "unused": {}}),
@@ -113,14 +113,14 @@ def test_machines_never_mix() -> None:
 
 def test_a_packed_document_comes_out_equal(tmp_path: Path) -> None:
     """Packed twice it is the same bytes; unpacked, and put under nothing, it is the same document."""
-    made = digest.combined([with_lock(tmp_path, NUMPY)])
+    made = digest.combine([with_lock(tmp_path, NUMPY)])
 
-    content = digest.packed(made)
+    content = digest.pack(made)
     unpacked = msgspec.json.decode(gzip.decompress(content), type=Measured)
 
-    assert content == digest.packed(unpacked)
+    assert content == digest.pack(unpacked)
     assert unpacked == made
-    assert digest.combined([made]) == made
+    assert digest.combine([made]) == made
 
 
 def test_a_mask_is_a_cause_only_where_it_is_what_the_cell_says(tmp_path: Path) -> None:

@@ -234,7 +234,7 @@ class TestCombined:
         newer = msgspec.structs.replace(whole.cells[0], measured="2026-11-22T00:00:00Z", seconds=1.0)
 
         for documents in ([whole, self.later(whole, newer)], [self.later(whole, newer), whole]):
-            made = document.combined(documents)
+            made = document.combine(documents)
             assert {entry.id: entry for entry in made.cells}[newer.id] == newer
             assert (len(made.cells), made.generated) == (len(whole.cells), "2026-11-22T00:00:00Z")
 
@@ -243,11 +243,11 @@ class TestCombined:
         whole = quick_document()
         unrun = msgspec.structs.replace(whole.cells[0], machine=None, measured=None, verdict=Verdict.NOT_RUN)
 
-        assert document.combined([self.later(whole, unrun), whole]).cells[0].verdict is Verdict.WORKS
+        assert document.combine([self.later(whole, unrun), whole]).cells[0].verdict is Verdict.WORKS
 
     def test_one_document(self) -> None:
         """A single document stays what it is."""
-        assert document.combined([quick_document()]) == quick_document()
+        assert document.combine([quick_document()]) == quick_document()
 
 
 def test_stale_expectations_are_listed_and_fail() -> None:

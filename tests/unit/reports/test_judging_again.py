@@ -20,12 +20,12 @@ from harness.judging.runs.todo import todo
 from harness.machine.store import Store
 from harness.model import CellRecord, Expectation, Plan, Verdict
 from harness.model.report_types import Document
-from harness.probes.evidence import LOG, REPLY, End, ProbeRun
+from harness.probes.evidence import LOG, REPLY, ProbeRun, RunEnd
 from harness.probes.vault import Vault, keep_files
 from harness.reports import document, packs, publishing
 from harness.running import open_matrix
 
-CRASH = End(signal=11, seconds=2.0)
+CRASH = RunEnd(signal=11, seconds=2.0)
 RED = Expectation(verdict=Verdict.PARTIAL, reason="known", match="no camera")
 PICTURE = b"\x89PNG not really"
 ROOT = Path(__file__).parents[3]

@@ -30,7 +30,7 @@ def stand_in_report(source: Path, pivot: tuple[str, str] | None) -> str:
 
 def test_blocks_are_made_again() -> None:
     """Each block is filled from its own source, as seen from the file; what stands around it stays."""
-    told = readme_blocks.renewed(TEXT, Path("docs"), stand_in_report)
+    told = readme_blocks.renew_text(TEXT, Path("docs"), stand_in_report)
 
     assert told == (
         "# A page\n\n"
@@ -39,7 +39,7 @@ def test_blocks_are_made_again() -> None:
         "<!-- end -->\n\nbetween\n\n"
         "<!-- simmatrix report two -->\n\ndocs/two None\n\n<!-- end -->\nafter\n"
     )
-    assert readme_blocks.renewed(told, Path("docs"), stand_in_report) == told
+    assert readme_blocks.renew_text(told, Path("docs"), stand_in_report) == told
 
 
 def test_a_file_is_renewed(tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ def test_a_checkout_reads_its_reports() -> None:
     assert len({cell.matrix for cell in found.cells}) > 10
     assert len(works(found)) > 200
     assert all(cell.lock in found.locks for cell in found.cells if cell.verdict is Verdict.WORKS)
-    assert len(digest.packed(found)) < 2_000_000
+    assert len(digest.pack(found)) < 2_000_000
 
 
 def test_nothing_is_known_and_no_store_is_made(alone: Path) -> None:
@@ -59,7 +59,7 @@ def test_nothing_is_known_and_no_store_is_made(alone: Path) -> None:
 def test_a_wheel_reads_its_file(alone: Path) -> None:
     """The packed file is what comes with us; nothing beside the package is read."""
     put(alone / "nowhere" / "reports" / "quick")
-    (alone / "packed.json.gz").write_bytes(digest.packed(digest.combined([])))
+    (alone / "packed.json.gz").write_bytes(digest.pack(digest.combine([])))
 
     assert result_index.load_shipped().cells == ()
 

@@ -171,7 +171,7 @@ def test_ways_of_drawing_that_nothing_reads() -> None:
 def test_bounds_that_a_text_names(text: str, bounds: dict[str, str]) -> None:
     """Those on packages that matter here; a line that names one release bounds nothing."""
     found = failure_hints.bounds([text], {"mujoco", "gymnasium", "stable-baselines3", "dm-control"})
-    assert {name: failure_hints.written(bound) for name, bound in found.items()} == bounds
+    assert {name: failure_hints.format_bound(bound) for name, bound in found.items()} == bounds
 
 
 def test_bounds_that_are_not_met() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.probes.evidence import End, Host, ProbeRun, Request, folder_of
+from harness.probes.evidence import Host, ProbeRun, Request, RunEnd, folder_of
 from harness.probes.vault import Vault
 from harness.running import cleanup
 from harness.running.cleanup import DAY, Item, Kind, Places, disk_usage
@@ -146,7 +146,8 @@ class TestState:
         shared, alone = vault.keep(b"shared"), vault.keep(b"alone")
         mine, other = (
             vault.put(
-                ProbeRun(request=Request(), program={}, end=End(seconds=at), host=Host(), files=files, measured=""), key
+                ProbeRun(request=Request(), program={}, end=RunEnd(seconds=at), host=Host(), files=files, measured=""),
+                key,
             )
             for at, key, files in (
                 (1.0, "1" * 32, {"log.txt": shared}),

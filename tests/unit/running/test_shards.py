@@ -121,7 +121,7 @@ REPORT = Path(__file__).parents[3] / "reports" / "quickstart" / "report.json"
 def test_seconds_come_from_a_report() -> None:
     """Each cell that was run has its seconds; one that was not has none."""
     known = document.read(REPORT.read_bytes(), "report.json")
-    seconds = shards.recorded(known)
+    seconds = shards.recorded_seconds(known)
     assert seconds.keys() == {one.id for one in known.cells}
     assert all(took > 0 for took in seconds.values())
 

@@ -14,7 +14,7 @@ from harness.model import (
     CellRecord,
     CheckRecord,
     Expectation,
-    Observed,
+    Observation,
     Outcome,
     Phase,
     PhaseRecord,
@@ -183,7 +183,7 @@ def test_a_code_is_foreseen() -> None:
     """An expected code is matched with the cell's observation, in its own phase or seen again in a later one."""
     cell = replace(CELL, expect=Expectation(verdict=Verdict.PARTIAL, reason="known", phase=Phase.VECTOR, code="more"))
     for phase, code, expected in (("vector", "more", True), ("vector", "raised", False), ("render", "more", True)):
-        observed = Observed(check="x", code=code)
+        observed = Observation(check="x", code=code)
         at = judging.PhaseResult(phase=Phase(phase), outcome=Outcome.FAILED, line="other words", observed=observed)
         assert judging.is_expected(cell.expect, at, TODAY) is expected
 

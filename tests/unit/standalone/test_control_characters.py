@@ -67,7 +67,7 @@ def test_nothing_that_is_printed_moves_the_cursor() -> None:
     """Only a library that colours text which was made visible before writes sequences."""
     with guarded() as reading:
         print("a\x1b[1Abc\x9b")
-        output.styled(sys.stdout).write("\x1b[32mgreen\x1b[0m\n")
+        output.style_stream(sys.stdout).write("\x1b[32mgreen\x1b[0m\n")
         output.print_json(b'{"a": "\xc2\x9b"}')
         sys.stdout.flush()
         os.set_blocking(reading, False)

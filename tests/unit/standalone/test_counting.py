@@ -11,7 +11,7 @@ from harness.judging import known_failures
 from harness.judging.assess import assess
 from harness.judging.identity import failure
 from harness.model import Expectation, Outcome, Phase, Verdict
-from harness.standalone.failures.counting import nameable, select_counting, stated_in
+from harness.standalone.failures.counting import select_counting, select_nameable, stated_in
 
 
 class Fit(NamedTuple):
@@ -47,7 +47,7 @@ LOGGED = MASK._replace(name="logged", says=False)
 )
 def test_failures_that_count(fits: list[Fit], counted: tuple[str, ...], named: tuple[str, ...]) -> None:
     """Causes before masks, of a line the specific one; an expectation may name the general one of that line, too."""
-    results = (select(fits, lambda fit: fit.says) for select in (select_counting, nameable))
+    results = (select(fits, lambda fit: fit.says) for select in (select_counting, select_nameable))
     assert [tuple(one.name for one in found) for found in results] == [counted, named]
 
 
@@ -78,6 +78,6 @@ def test_a_cell_and_its_entry_count_alike(named: str) -> None:
     assert (
         found.as_expected
         is stored.as_expected
-        is (named in [one.name for one in known_failures.nameable(stored)])
+        is (named in [one.name for one in known_failures.select_nameable(stored)])
         is (named != "mask")
     )

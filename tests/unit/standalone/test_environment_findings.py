@@ -11,13 +11,13 @@ from facts import SITE, distribution, facts, installed
 from harness.standalone.doctor import package_findings
 from harness.standalone.doctor.differences import Difference
 from harness.standalone.doctor.environment_findings import (
+    find_loaded_twice,
     find_shadowing,
     find_silent_issues,
     known_causes,
     predict_failures,
     report_differences,
     report_failed_imports,
-    twice,
 )
 from harness.standalone.doctor.inspect_environment import Viewpoint
 from harness.standalone.failures.matching import Evidence, Signature, read
@@ -183,7 +183,7 @@ def test_libraries_loaded_twice() -> None:
     paths = ["/a/libmujoco.so.3.1.6", "/b/libmujoco.so.3.3.2", "/c/libgomp-a34b.so.1", "/d/libgomp.so.1"]
     probes = {"imports": {"mujoco": {"libraries": paths}, "numpy": {"libraries": paths[:1]}}}
 
-    assert [(one.level, one.text.partition(" was")[0]) for one in twice(probes)] == [
+    assert [(one.level, one.text.partition(" was")[0]) for one in find_loaded_twice(probes)] == [
         ("warning", "MuJoCo"),
         ("note", "OpenMP"),
     ]

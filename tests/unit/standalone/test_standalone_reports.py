@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 
 from harness.judging import failure_texts
-from harness.judging.known_failures import counted
+from harness.judging.known_failures import select_counting
 from harness.model import Verdict
 from harness.model.report_types import CellEntry
 from harness.reports import document
@@ -49,7 +49,7 @@ def test_texts_of_what_fails_tell_the_causes_that_cells_have() -> None:
     coded = {str(one.id) for one in shipped_signatures.load_all() if one.code}  # a log has no word of our own checks
     right = other = 0
     for folder, cell in cells():
-        expected = {one.signature for one in counted(cell)} - coded
+        expected = {one.signature for one in select_counting(cell)} - coded
         text = "\n".join(texts_of(folder, cell))
         if expected and text:
             cause = explain(text, cell).cause
