@@ -21,8 +21,8 @@ from harness.reports import publishing
 from harness.reports.text import progress
 from harness.rootcause import search_documents
 from harness.rootcause.bench import Bounds
-from harness.rootcause.repair import every as repairs
-from harness.rootcause.repair import proofs, telling
+from harness.rootcause.repair import proofs, repair_text
+from harness.rootcause.repair import repair_all as repairs
 from harness.rootcause.repair.lab import Lab
 from harness.rootcause.repair.proofs import RepairDocument
 from harness.rootcause.repair.repairing import RepairResult, Search, Status
@@ -85,7 +85,7 @@ def main(args: argparse.Namespace) -> int:
     if args.json:
         print_json(search_documents.as_json(document))
     else:
-        print("\n".join(telling.lines(document)))
+        print("\n".join(repair_text.lines(document)))
     return CODES[document.status]
 
 
@@ -152,4 +152,4 @@ def write(document: RepairDocument, repaired: RepairResult, folder: Path) -> Rep
         return document
     locks = {"lock.txt": repaired.proof.lock} if repaired.proof and repaired.proof.lock else {}
     document = msgspec.structs.replace(document, lock=next(iter(locks), None))
-    return search_documents.write(document, folder / "repair", locks, telling.page)
+    return search_documents.write(document, folder / "repair", locks, repair_text.page)

@@ -20,7 +20,7 @@ Answer = dict[str, str]
 """What a way of drawing says of itself, or `missing`: why there is none."""
 
 
-class Ways(msgspec.Struct, frozen=True, kw_only=True):
+class RenderingWays(msgspec.Struct, frozen=True, kw_only=True):
     """The ways to draw: EGL's devices in EGL's order, or why there are none, and the two other ways."""
 
     devices: tuple[Answer, ...]
@@ -36,7 +36,7 @@ class Ways(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-def ways() -> Ways:
+def ways() -> RenderingWays:
     """Ask everything that could draw, each in a process of its own, with the caller's variables."""
     first = _ask("device:0")
     count = min(int(first.get("count", "0")), MOST_DEVICES)
@@ -44,7 +44,7 @@ def ways() -> Ways:
     # An EGL without devices answers with a count of 0; no count at all means that there is no EGL.
     missing = None if devices else "EGL lists no device" if "count" in first else first["missing"]
     answers = tuple({name: text for name, text in one.items() if name != "count"} for one in devices)
-    return Ways(devices=answers, egl_missing=missing, osmesa=_ask("osmesa"), display=_ask("display"))
+    return RenderingWays(devices=answers, egl_missing=missing, osmesa=_ask("osmesa"), display=_ask("display"))
 
 
 def _ask(way: str) -> Answer:

@@ -4,10 +4,10 @@ Cells share what they have in common (questions, cases, variables), so that ten 
 second or two.
 """
 
+from harness.matrix.plan.adapter_choice import brings_models
 from harness.matrix.plan.choosing import Ask, choose
 from harness.matrix.plan.product import candidates, make_plan
 from harness.matrix.plan.sources import Project, Sources
-from harness.matrix.plan.speaking import brings_models
 from harness.matrix.plan.strategies import Candidates
 from harness.matrix.plan.trial import NAME as TRY_MATRIX
 from harness.matrix.plan.trial import TrialOptions, cases_for, single, unspoken

@@ -22,9 +22,9 @@ from harness.matrix.matrix_types import (
     Constraint,
     SourceTable,
 )
+from harness.matrix.plan.adapter_choice import find_api
 from harness.matrix.plan.choices import Choice, Combination, Condition, condition
 from harness.matrix.plan.sources import Sources
-from harness.matrix.plan.speaking import find_api
 from harness.model import Bring, Case, Change, Phase, Question, Subject, Suite
 from harness.model.errors import BadInput
 from harness.model.schema import key_path, locate_errors, suggestion

@@ -11,8 +11,8 @@ from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
 from harness.matrix import overlay_recipes
+from harness.matrix.plan.adapter_choice import find_api, guess_api, speakers
 from harness.matrix.plan.contents import IMPORTED
-from harness.matrix.plan.speaking import find_api, guess_api, speakers
 from harness.model import Case, Cell, IndexSettings, Phase, Plan, Question, Repair, Subject, cellid
 from harness.model.cellid import CellId, Detail
 from harness.model.errors import BadInput

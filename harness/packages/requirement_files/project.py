@@ -13,7 +13,7 @@ from packaging.utils import canonicalize_name
 
 from harness.model import IndexSettings, requirement_texts, schema
 from harness.model.errors import BadInput
-from harness.packages.requirement_files.asked import (
+from harness.packages.requirement_files.requirement_entries import (
     Inputs,
     Parsed,
     Source,

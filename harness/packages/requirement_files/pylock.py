@@ -10,7 +10,7 @@ from packaging.pylock import Package, Pylock, PylockValidationError
 
 from harness.model import schema
 from harness.model.errors import BadInput
-from harness.packages.requirement_files.asked import (
+from harness.packages.requirement_files.requirement_entries import (
     Inputs,
     Parsed,
     Source,

@@ -11,7 +11,7 @@ import msgspec
 from harness.devices import egl_advice, gl_inventory
 from harness.devices.egl_advice import LIBRARIES, DrawingSupport, Prediction
 from harness.devices.egl_rules import OLD_EGL_ID
-from harness.devices.gl_inventory import Answer, Ways
+from harness.devices.gl_inventory import Answer, RenderingWays
 from harness.model import Level
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.reports import document
@@ -75,7 +75,7 @@ def here() -> RenderingReport:
     )
 
 
-def assess_rendering(ways: Ways, variables: egl_advice.Variables) -> RenderingReport:
+def assess_rendering(ways: RenderingWays, variables: egl_advice.Variables) -> RenderingReport:
     """Return the findings, known failures and recommendation for these renderers and variables."""
     there = DrawingSupport(
         devices=ways.as_devices(), osmesa="missing" not in ways.osmesa, display="missing" not in ways.display

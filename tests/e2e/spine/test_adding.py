@@ -29,7 +29,7 @@ ASKED = """
 import json, re
 from harness.judging.runs.check import Ending, check_record
 from harness.model import CheckReply, Outcome, Raised
-from harness.matrix.plan import speaking
+from harness.matrix.plan import adapter_choice
 from harness.standalone import keys
 from harness.model.vocabulary import settings
 
@@ -41,7 +41,7 @@ def drawn(traceback, **facts):
 print(json.dumps({
     "weight": keys.weight("fake-pointmass"),
     "module": keys.MODULES.get("fake-pointmass"),
-    "api": speaking.guess_api("light", ["fake-pointmass"]),
+    "api": adapter_choice.guess_api("light", ["fake-pointmass"]),
     "set": settings({"MUJOCO_GL": "egl"}, ["fake-pointmass"]),
     "loaded": drawn("", loaded=["fake_pointmass"]),
     "code": drawn('  File "$ENV/site-packages/fake_pointmass/egl.py", line 1'),

@@ -9,7 +9,7 @@ import pytest
 from harness.devices import egl_advice
 from harness.devices.egl_advice import CROSSED, LIBRARIES, DrawingSupport
 from harness.devices.egl_rules import Device
-from harness.devices.gl_inventory import Ways
+from harness.devices.gl_inventory import RenderingWays
 from harness.rootcause.doctor import doctor_rendering
 
 ONE = DrawingSupport(devices=(Device(),), osmesa=True, display=False)
@@ -129,7 +129,7 @@ def test_without_a_device_of_egl(here: DrawingSupport, variables: dict[str, str]
 
 def test_the_document() -> None:
     """Every value that could be set stands there, one out of range too."""
-    ways = Ways(devices=({"software": "yes"},), egl_missing=None, osmesa={}, display={"missing": "none"})
+    ways = RenderingWays(devices=({"software": "yes"},), egl_missing=None, osmesa={}, display={"missing": "none"})
 
     made = doctor_rendering.assess_rendering(ways, {"MUJOCO_GL": "egl", "CUDA_VISIBLE_DEVICES": "3"})
 

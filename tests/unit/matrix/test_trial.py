@@ -7,7 +7,7 @@ import pytest
 
 from harness.commands.ad_hoc_cell import models
 from harness.matrix import plan
-from harness.matrix.plan.speaking import declared_ids
+from harness.matrix.plan.adapter_choice import declared_ids
 from harness.model import Case, Question
 from harness.model.errors import BadInput
 from harness.model.vocabulary import APIS, api_of, checks_of

@@ -8,7 +8,7 @@ import pytest
 
 from harness.judging.runs import native_errors
 from harness.judging.runs.check import Ending, check_record
-from harness.matrix.plan import speaking
+from harness.matrix.plan import adapter_choice
 from harness.model import CheckReply, Outcome, Raised
 from harness.model.vocabulary import APIS, FAMILY, INCELL, readers
 from harness.probes import program
@@ -81,9 +81,9 @@ def test_packages_are_known_where_names_count() -> None:
 
 def test_ids_speak_for_their_package() -> None:
     """An id without an API means the one whose package is asked for and whose ids look so."""
-    assert speaking.guess_api("cartpole/balance", ["dm-control>=1"]) == "dm_control"
-    assert speaking.guess_api("cartpole", ["dm-control>=1"]) is None
-    assert [api for api in APIS if speaking.brings_models(api)] == ["pybullet"]
+    assert adapter_choice.guess_api("cartpole/balance", ["dm-control>=1"]) == "dm_control"
+    assert adapter_choice.guess_api("cartpole", ["dm-control>=1"]) is None
+    assert [api for api in APIS if adapter_choice.brings_models(api)] == ["pybullet"]
 
 
 def test_variables_matter_to_declared_packages() -> None:
