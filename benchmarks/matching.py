@@ -16,8 +16,7 @@ from pathlib import Path
 
 from harness.running.signatures import shipped_signatures
 from harness.running.signatures.shipped_signatures import HEAD, TAIL
-from harness.standalone.explain.log_excerpt import HEAD as FIRST
-from harness.standalone.explain.log_excerpt import TAIL as LAST
+from harness.standalone.explain.log_excerpt import USUAL
 from harness.standalone.failures import matching
 
 HERE = Path(__file__).parent
@@ -35,7 +34,7 @@ def main() -> None:
     examples = "\n".join(text for one in shipped_signatures.load_all() for text in one.examples)
     rows = [
         _row("what is kept of a cell's log, nothing in it", _log(HEAD + TAIL), patterns, runs),
-        _row("what `explain` keeps of a long log, nothing in it", _log(FIRST + LAST), patterns, runs),
+        _row("what `explain` keeps of a long log, nothing in it", _log(USUAL.head + USUAL.tail), patterns, runs),
         _row("the examples of all of them", examples, patterns, runs),
     ]
     where = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"

@@ -117,7 +117,7 @@ class Desk(commandline.Desk):
 
     def environment(self, variables: Mapping[str, str]) -> dict[str, str]:
         """Return the variables of its commands."""
-        inherited = commandline.Desk._environment(self, {"TMPDIR": str(self.scratch)})
+        inherited = commandline.Desk.environment(self, {"TMPDIR": str(self.scratch)})
         return {**inherited, "UV_HTTP_RETRIES": "0", **self.variables, **variables}
 
     def with_variables(self, **variables: str) -> Desk:

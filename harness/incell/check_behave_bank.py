@@ -3,6 +3,7 @@
 import numpy as np
 
 from .cell_arrays import BANK, save
+from .cell_attribute_bank import AttributeMaker
 from .cell_bank import Maker
 from .cell_episode import open_single
 from .cell_physics import physics_of
@@ -18,7 +19,8 @@ def run(probe, _facts):
     with open_single(probe) as env:
         env.reset(probe.case["seed"])
         physics = physics_of(env)
-        bank = Maker(env, physics, probe.case["seed"]).make()
+        maker = Maker if physics.warm_starts else AttributeMaker
+        bank = maker(env, physics, probe.case["seed"]).make()
         stepper = Stepper(env, physics)
         outputs, facts = stepper.outputs(bank)
         worst = noise(stepper, bank, outputs, probe.case["seed"])

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from string import ascii_uppercase
 
+from packaging.version import InvalidVersion, Version
+
 from harness.physics.comparison import STARTS, Class, Comparison
 
 Compare = Callable[[str, str], Comparison]
@@ -30,9 +32,14 @@ class Boundary:
     between: tuple[str, ...] = ()
 
     @property
-    def separated(self) -> bool:
-        """Return whether nothing but the axis moved."""
-        return self.moved.keys() <= {self.axis}
+    def package(self) -> str:
+        """Return the package that the boundary belongs to: the only one that moved, else the axis."""
+        return next(iter(self.moved)) if len(self.moved) == 1 else self.axis
+
+    @property
+    def others(self) -> Mapping[str, tuple[str | None, str | None]]:
+        """Return the packages that moved besides, from which the boundary is not separated."""
+        return {name: versions for name, versions in self.moved.items() if name != self.package}
 
 
 def families(cells: Sequence[str], compare: Compare) -> dict[str, str]:
@@ -107,6 +114,15 @@ def boundaries(
                 )
             )
     return result
+
+
+def release_order(value: str) -> tuple[str, int, Version | str]:
+    """Return a sort key for a value of an axis: a release (`1.10.0`), or one with its package (`gym-0.26.2`)."""
+    package, dash, release = value.rpartition("-")
+    try:
+        return package, 1, Version(release)
+    except InvalidVersion:
+        return value if dash else "", 0, value
 
 
 def moved_packages(first: Mapping[str, str], second: Mapping[str, str]) -> dict[str, tuple[str | None, str | None]]:

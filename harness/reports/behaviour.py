@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import msgspec
-from packaging.version import InvalidVersion, Version
 
 from harness.model import CaseRecord, CellRecord, Plan
 from harness.model.hostile_data import Unreadable
@@ -85,14 +84,9 @@ def _files(case: CaseRecord, vault: Vault) -> tuple[str, str] | None:
 
 def _order(plan: Plan) -> dict[str, tuple[object, ...]]:
     """Return the place of each cell: axis by axis, releases in their order."""
-    return {cell.id: tuple(_place(cell.axes.get(axis, "")) for axis in plan.axes) for cell in plan.cells}
-
-
-def _place(value: str) -> tuple[int, object]:
-    try:
-        return 1, Version(value)
-    except InvalidVersion:
-        return 0, value
+    return {
+        cell.id: tuple(families.release_order(cell.axes.get(axis, "")) for axis in plan.axes) for cell in plan.cells
+    }
 
 
 @dataclass
@@ -143,7 +137,7 @@ class _Task:
                 rest = tuple(sorted((name, value) for name, value in axes[cell].items() if name != axis))
                 lines.setdefault(rest, {})[axes[cell][axis]] = cell
             for line in lines.values():
-                values = sorted(line, key=_place)
+                values = sorted(line, key=families.release_order)
                 for before, after in pairwise(values):
                     neighbours.setdefault(line[after], (line[before], None))
                 installed = {cell: by_cell[cell].record.installed or {} for cell in line.values()}
@@ -170,10 +164,10 @@ class _Task:
             largest=leading.largest if leading else 0.0,
             median=leading.median if leading else 0.0,
             share=leading.share if leading else 0.0,
-            moved={name: pair for name, pair in boundary.moved.items() if name != boundary.axis},
+            moved=dict(boundary.others),
             between=boundary.between,
             text=sentences.describe(comparison),
-            changelog=changelogs.look_up(boundary.axis, (*boundary.between, boundary.after)),
+            changelog=changelogs.look_up(boundary.package, (*boundary.between, boundary.after)),
         )
 
     def _compare(self, case_run: _Measured, neighbour: _Measured) -> Comparison:

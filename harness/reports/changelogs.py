@@ -37,7 +37,8 @@ def look_up(package: str, releases: Sequence[str]) -> str:
     if log is None:
         return ""
     notes = {note.version: note.says for note in log.release}
-    return " ".join(_sentence(release, notes.get(release)) for release in releases)
+    versions = (release.rpartition("-")[2] for release in releases)  # `gym-0.26.2` where an axis has several packages
+    return " ".join(_sentence(version, notes.get(version)) for version in versions)
 
 
 def _sentence(release: str, says: str | None) -> str:

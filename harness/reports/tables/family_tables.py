@@ -6,9 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from packaging.version import InvalidVersion, Version
-
 from harness.model.report_types import BoundaryEntry, CellEntry
+from harness.physics.families import release_order
 
 ABSENT = "-"
 """The mark of an environment that was not measured with a release."""
@@ -64,7 +63,7 @@ def tables(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[FamilyTable
 
 
 def _table(axis: str, rest: tuple[tuple[str, str], ...], cells: list[CellEntry]) -> FamilyTable:
-    by_release = sorted(cells, key=lambda cell: _version(cell.axes[axis]))
+    by_release = sorted(cells, key=lambda cell: release_order(cell.axes[axis]))
     envs = list(dict.fromkeys(case.env or case.case for cell in by_release for case in cell.cases if case.behaviour))
     families = {env: [_family(cell, env) for cell in by_release] for env in envs}
     starts = [0, *(n + 1 for n, pair in enumerate(pairwise(range(len(by_release)))) if _differ(families, *pair))]
@@ -111,9 +110,9 @@ def changes(boundaries: Iterable[BoundaryEntry]) -> tuple[Change, ...]:
     """Return the boundaries, those of the same two releases together."""
     groups: dict[tuple[object, ...], list[BoundaryEntry]] = {}
     for first in boundaries:
-        key = (first.axis, _version(first.before), first.before, first.after, first.between, str(first.moved))
+        key = (first.axis, release_order(first.before), first.before, first.after, first.between, str(first.moved))
         groups.setdefault(key, []).append(first)
-    ordered = sorted(groups.values(), key=lambda group: (group[0].axis, _version(group[0].before), group[0].cells))
+    ordered = sorted(groups.values(), key=lambda group: (group[0].axis, release_order(group[0].before), group[0].cells))
     return tuple(_change(group) for group in ordered)
 
 
@@ -131,10 +130,3 @@ def _change(group: list[BoundaryEntry]) -> Change:
         cells=first.cells,
         changelog=first.changelog,
     )
-
-
-def _version(text: str) -> tuple[int, object]:
-    try:
-        return 1, Version(text)
-    except InvalidVersion:
-        return 0, text
