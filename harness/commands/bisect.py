@@ -20,17 +20,20 @@ from harness.model.cellid import CellId
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.schema import locate_errors
 from harness.model.vocabulary import PackageName
+from harness.probes import array_files
+from harness.probes.vault import Vault
 from harness.reports import publishing
 from harness.reports.answers import result_index
 from harness.reports.text import progress
 from harness.rootcause import search_documents
 from harness.rootcause.bench import Bench, Bounds, BudgetExhausted, Trial
 from harness.rootcause.bisection import candidates, certificates, guesses
+from harness.rootcause.bisection.behaviour import BehaviourTask
 from harness.rootcause.bisection.bisecting import Bisection, BisectionResult, Status, Task
 from harness.rootcause.bisection.candidates import Candidate, Candidates, LineOptions
 from harness.rootcause.bisection.certificates import BisectDocument
 from harness.rootcause.repair import candidate_changes, pasting
-from harness.running import open_matrix, scheduler
+from harness.running import behaviour_runs, open_matrix, scheduler
 from harness.running.signatures import shipped_signatures
 from harness.standalone.failures.silent import plainly_good
 from harness.standalone.output import print_json
@@ -56,6 +59,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     along.add_argument(PYTHON, action="store_true", help="along the Pythons of this machine")
     parser.add_argument("--good", metavar="V", help="the end that works [it is looked for]")
     parser.add_argument("--bad", metavar="V", help="the end that does not [the cell as it is]")
+    parser.add_argument(
+        "--behaves", action="store_true", help="another behaviour than that of --good is bad, from the same states"
+    )
+    parser.add_argument("--env", metavar="ID", help="with --behaves: the environment, where the cell has several")
     parser.add_argument("--any", action="store_true", help="any failure is bad, not the same one only")
     parser.add_argument("--yanked", action="store_true", help="yanked releases, too")
     parser.add_argument("--pre", action="store_true", help="pre-releases, too")
@@ -99,22 +106,25 @@ def main(args: argparse.Namespace) -> int:
     opened = store.open_store()
     settings = scheduler.Settings(offline=args.offline)
     cell = find_cell.find("bisect", args.cell, opened, offline=args.offline)[1]
+    behaves = None
     interpreter = interpreters.obtain(cell.python, offline=args.offline)
     if interpreter is None:
         raise CouldNotTell(interpreters.hint(cell.python))
-    request = BisectRequest(args=args, opened=opened, cell=cell, interpreter=interpreter)
     with (
         progress.Progress(0, 1, publishing.headline) as board,
         Bench(opened, settings, scheduler.QuietObserver(board), Bounds(runs=args.runs, minutes=args.minutes)) as bench,
     ):
+        if args.behaves:
+            cell, behaves = _behaviour(args, cell, opened, settings, bench.observer)
+        request = BisectRequest(args=args, opened=opened, cell=cell, interpreter=interpreter)
         try:
             # --date needs the lock even where --bad is given: the days are those of uploads of its packages.
-            base = bench.measure(cell, keep=True) if args.date or not args.bad else None
+            base = bench.measure(cell, keep=not behaves) if args.date or not args.bad else None
         except BudgetExhausted as spent:
             message = f"{spent} before the cell itself was measured; allow more"
             raise CouldNotTell(message) from None
         line, task = _task(request, base)
-        search = Bisection(task, bench, board.say)
+        search = Bisection(replace(task, behaves=behaves), bench, board.say)
         done = search.run()
         certificate = certificates.document(
             done, search, left_out=line.left_out, command=_repeat_command(request, done)
@@ -134,11 +144,26 @@ def _check(args: argparse.Namespace) -> None:
     if args.runs < 1 or args.minutes <= 0:
         message = "--runs and --minutes: name a number above 0"
         raise BadInput(message)
+    if args.behaves and (args.any or not args.good):
+        message = "--behaves: name the end that behaves rightly with --good; a failure (--any) is no behaviour"
+        raise BadInput(message)
     if args.axis:
         with locate_errors("--axis"):
             args.axis = str(PackageName.canonical(args.axis))
     if args.out:
         store.writable(args.out)
+
+
+def _behaviour(
+    args: argparse.Namespace, cell: Cell, opened: Store, settings: scheduler.Settings, observer: scheduler.Observer
+) -> tuple[Cell, BehaviourTask]:
+    """Return the cell, to be stepped from a bank alone, and the task; the cell makes a bank if the case has none."""
+    case, vault = behaviour_runs.case_of(cell, args.env), Vault(opened.folder)
+    bank = case.bank
+    if bank is None:
+        bank = vault.keep(array_files.seal(behaviour_runs.make_bank(cell, case, opened, settings, observer)))
+    stepping = behaviour_runs.stepping_cell(cell, case, bank)
+    return stepping, BehaviourTask(env=str(case.env), bank=bank, vault=vault)
 
 
 # --- the line and its ends -------------------------------------------------------------------------------------
@@ -247,7 +272,8 @@ def _repeat_command(request: BisectRequest, done: BisectionResult) -> str:
     args = request.args
     along = [request.axis] if request.axis in {DATE, PYTHON} else ["--axis", request.axis]
     ends = ["--good", done.line[0].name, "--bad", done.line[-1].name] if done.boundary else []
-    flags = [f"--{name}" for name in ("any", "yanked", "pre") if getattr(args, name)]
+    flags = [f"--{name}" for name in ("behaves", "any", "yanked", "pre") if getattr(args, name)]
+    flags += ["--env", args.env] if args.env else []
     sure = ["--confidence", f"{args.confidence:g}"] if args.confidence != CONFIDENCE else []
     words = shlex.join(["simmatrix", "bisect", args.cell, *along, *ends, *flags, *sure])
     # No matrix has a cell of `try`: whoever repeats the bisection has to try it first.
@@ -258,7 +284,8 @@ def _repeat_command(request: BisectRequest, done: BisectionResult) -> str:
 def _folder(request: BisectRequest) -> Path:
     args = request.args
     ends = [f"{side}-{value}" for side in ("good", "bad") if (value := getattr(args, side))]
-    flags = [name for name in ("any", "yanked", "pre") if getattr(args, name)]
+    flags = [name for name in ("behaves", "any", "yanked", "pre") if getattr(args, name)]
+    flags += [args.env] if args.env else []
     sure = [f"confidence-{args.confidence:g}"] if args.confidence != CONFIDENCE else []
     # Another question about the same cell has another folder, so no certificate replaces one that says something else.
     words = (f"along-{request.axis.strip('-')}", *ends, *flags, *sure)

@@ -18,7 +18,7 @@ from harness.physics import families, sentences
 from harness.physics.comparison import Comparison, compare
 from harness.physics.outputs import Bank, Outputs
 from harness.probes import array_files
-from harness.probes.vault import MOST_FILE, Vault
+from harness.probes.vault import Vault
 from harness.reports import publishing
 from harness.reports.text import progress
 from harness.running import behaviour_runs, scheduler
@@ -116,7 +116,7 @@ def _compare(
     vault, name = Vault(opened.folder), pair[0].bank
     if name is None:
         name = vault.keep(array_files.seal(behaviour_runs.make_bank(first, pair[0], opened, settings, board)))
-    bank_arrays = array_files.decode(vault.content(name, MOST_FILE))
+    bank_arrays = behaviour_runs.read_bank(name, vault)
     bank = Bank.of(bank_arrays, array_files.facts(bank_arrays))
     outputs = [
         behaviour_runs.step_from(cell, case, name, opened, settings, board)

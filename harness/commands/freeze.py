@@ -15,7 +15,7 @@ from harness.model import Cell
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Unreadable
 from harness.physics import sentences
-from harness.physics.comparison import STARTS, Class, Comparison, compare
+from harness.physics.comparison import Comparison, compare
 from harness.physics.outputs import FORM, Bank, Outputs
 from harness.probes import array_files
 from harness.probes.vault import Vault
@@ -93,9 +93,7 @@ def main(args: argparse.Namespace) -> int:
 
 def exit_code(difference: Comparison) -> int:
     """Return 0 for the same behaviour, 1 for another one, 3 where that cannot be told."""
-    if difference.kind in {Class.UNDECIDED, Class.NOT_COMPARABLE, Class.NONDETERMINISTIC}:
-        return 3
-    return 0 if difference.agrees and difference.start not in STARTS else 1
+    return {False: 0, True: 1, None: 3}[difference.behaves_otherwise]
 
 
 def _write(

@@ -95,6 +95,13 @@ class Comparison:
         """Return whether both belong to one family."""
         return self.kind in AGREEING
 
+    @property
+    def behaves_otherwise(self) -> bool | None:
+        """Return whether both behave or start in different ways; None where that cannot be told."""
+        if self.kind in {Class.UNDECIDED, Class.NOT_COMPARABLE, Class.NONDETERMINISTIC}:
+            return None
+        return not self.agrees or self.start in STARTS
+
     def of(self, output: str) -> Difference:
         """Return the difference of one output; identical where it was not compared."""
         return next((one for one in self.differences if one.output == output), _identical(output))

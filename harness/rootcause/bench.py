@@ -92,6 +92,11 @@ class Trial:
         return f"passes {' and '.join(passed)}, all that was asked for"
 
     @property
+    def failure_text(self) -> str:
+        """Return the words for a cell that does not do everything requested."""
+        return f"{self.assessed.verdict}: {self.assessed.decisive or 'no line says why'}"
+
+    @property
     def untold(self) -> bool:
         """Return whether the result says nothing about the packages: this machine or the network was at fault."""
         return self.assessed.untold and not self.works

@@ -22,14 +22,25 @@ SECONDS = {Phase.BEHAVE: 1800.0}
 
 def make_bank(cell: Cell, case: Case, opened: Store, settings: Settings, observer: Observer) -> dict[str, NDArray[Any]]:
     """Return a bank of states of a case, with what each of them leads to in this cell."""
-    return _measure(cell, replace(case, bank=None, checks=(IMPORT_CHECK, MAKE_BANK)), BANK, opened, settings, observer)
+    wanted = _only(cell, replace(case, bank=None, checks=(IMPORT_CHECK, MAKE_BANK)))
+    return _measure(wanted, BANK, opened, settings, observer)
 
 
 def step_from(
     cell: Cell, case: Case, bank: str, opened: Store, settings: Settings, observer: Observer
 ) -> dict[str, NDArray[Any]]:
     """Return what the states of a bank (its SHA-256 in the vault) lead to in a case of a cell."""
-    return _measure(cell, replace(case, bank=bank, checks=(IMPORT_CHECK, STEP)), OUTPUTS, opened, settings, observer)
+    return _measure(stepping_cell(cell, case, bank), OUTPUTS, opened, settings, observer)
+
+
+def stepping_cell(cell: Cell, case: Case, bank: str) -> Cell:
+    """Return the cell with this case alone, stepped from a bank (its SHA-256 in the vault)."""
+    return _only(cell, replace(case, bank=bank, checks=(IMPORT_CHECK, STEP)))
+
+
+def read_bank(name: str, vault: Vault) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a bank in the vault."""
+    return array_files.decode(vault.content(name, MOST_FILE))
 
 
 def arrays_of(record: CaseRecord, name: str, vault: Vault) -> dict[str, NDArray[Any]] | None:
@@ -51,11 +62,12 @@ def case_of(cell: Cell, env: str | None) -> Case:
     return cases[0]
 
 
-def _measure(
-    cell: Cell, case: Case, name: str, opened: Store, settings: Settings, observer: Observer
-) -> dict[str, NDArray[Any]]:
-    case = replace(case, timeouts={**case.timeouts, **SECONDS})
-    record = Runner(opened, settings, observer).measure(replace(cell, cases=(case,)))
+def _only(cell: Cell, case: Case) -> Cell:
+    return replace(cell, cases=(replace(case, timeouts={**case.timeouts, **SECONDS}),))
+
+
+def _measure(cell: Cell, name: str, opened: Store, settings: Settings, observer: Observer) -> dict[str, NDArray[Any]]:
+    record = Runner(opened, settings, observer).measure(cell)
     arrays = arrays_of(record.cases[0], name, Vault(opened.folder)) if record.cases else None
     if arrays is None:
         judged = assess(record)
@@ -63,6 +75,6 @@ def _measure(
             (check.decisive for phase in record.cases[0].phases for check in phase.checks if check.decisive),
             judged.verdict,
         )
-        message = f"{cell.id}: {case.env}: its behaviour could not be measured: {reason}"
+        message = f"{cell.id}: {cell.cases[0].env}: its behaviour could not be measured: {reason}"
         raise CouldNotTell(message)
     return arrays

@@ -11,6 +11,7 @@ from harness.matrix import changes
 from harness.model import Cell, Change, Phase, Question, Repair, Tried, cellid
 from harness.model.vocabulary import required_name
 from harness.rootcause.bench import Bench, BudgetExhausted, Trial
+from harness.rootcause.bisection.behaviour import BehaviourPredicate, BehaviourTask
 from harness.rootcause.bisection.candidates import Candidate
 from harness.rootcause.bisection.good_end import GoodEndSearch, Look
 from harness.rootcause.bisection.predicate import (
@@ -22,6 +23,8 @@ from harness.rootcause.bisection.predicate import (
     strip_run_count,
 )
 from harness.rootcause.search import Answer, Boundary, Refused, Rules, Search
+
+AnyPredicate = Predicate | BehaviourPredicate
 
 AHEAD = 2
 """Candidates that are prepared while one is tested."""
@@ -46,7 +49,7 @@ class Status(StrEnum):
 class Step:
     """One measured candidate. `why` is the reason to measure it.
 
-    `why` is `bad end`, `looking for a good end`, `half`, `at hand`, `again` or `whole`.
+    `why` is `bad end`, `good end`, `looking for a good end`, `half`, `at hand`, `again` or `whole`.
     """
 
     candidate: Candidate
@@ -64,7 +67,7 @@ class BisectionResult:
 
     status: Status
     line: tuple[Candidate, ...]
-    predicate: Predicate | None = None
+    predicate: AnyPredicate | None = None
     boundary: Boundary[Candidate] | None = None
     good: Step | None = None
     bad: Step | None = None
@@ -77,7 +80,7 @@ class Task:
     """The input of a bisection: the cell, its line (oldest first), the places of the ends, and the confidence wanted.
 
     `good` is None if a good end has to be found; `hints` are the places to try first. `base` is the unchanged cell, if
-    it was measured.
+    it was measured. `behaves` is set if bad is another behaviour than that of the good end, which is given then.
     """
 
     cell: Cell
@@ -90,6 +93,7 @@ class Task:
     confidence: float = 0.99
     recipes: Mapping[str, tuple[Repair, ...]] = field(default_factory=dict)
     base: Trial | None = None
+    behaves: BehaviourTask | None = None
 
 
 class Bisection:
@@ -98,14 +102,14 @@ class Bisection:
     def __init__(self, task: Task, bench: Bench, say: Callable[[str], None]) -> None:
         self.task, self.bench, self.say = task, bench, say
         self.steps: list[Step] = []
-        self.predicate: Predicate | None = None
+        self.predicate: AnyPredicate | None = None
         self.notes: list[str] = []
         self._ends: GoodEndSearch | None = None
 
     def run(self) -> BisectionResult:
         """Find the boundary. Never raises Spent."""
         try:
-            ended = self._bad_end()
+            ended = self._ends_of_behaviour(self.task.behaves) if self.task.behaves else self._bad_end()
             if ended is not None:
                 return self._answer(ended)
             good = self.task.good if self.task.good is not None else self._good_end()
@@ -141,8 +145,7 @@ class Bisection:
             whole = self.bench.measure(self.cell(candidate), again=True)
         self.predicate = Predicate(failure=None if self.task.any else strip_run_count(whole.failure))
         if whole.untold:
-            words = f"{whole.assessed.verdict}: {whole.assessed.decisive or 'no line says why'}"
-            classification = Classification(answer=Answer.UNTESTABLE, why=None, words=words)
+            classification = Classification(answer=Answer.UNTESTABLE, why=None, words=whole.failure_text)
             self._note(candidate, "bad end", whole, classification)
             return Status.UNTOLD
         if not has_package_failure(whole):
@@ -152,6 +155,27 @@ class Bisection:
         self._note(candidate, "bad end", whole, self.predicate.classify(whole))
         self.bench.stop_after(self.predicate.until)
         return None
+
+    def _ends_of_behaviour(self, behaves: BehaviourTask) -> Status | None:
+        """Measure the good end, then the bad one against it. Return the status if the bisection ends here."""
+        assert self.task.good is not None
+        good, bad = self.task.line[self.task.good], self.task.line[self.task.bad]
+        self.bench.stop_after(Phase.BEHAVE)
+        self.say(f"{self.task.axis} {good.name}, the good end")
+        trial = self.bench.measure(self.cell(good))
+        self.predicate = behaves.compare_with(f"{self.task.axis} {good.name}", trial)
+        if self.predicate is None:
+            self.notes.append(f"the behaviour of the good end {good.name} could not be measured: {trial.failure_text}")
+            return Status.UNTOLD
+        self._note(good, "good end", trial, self.predicate.classify(trial))
+        self.say(f"{self.task.axis} {bad.name}, the bad end")
+        trial = self.bench.measure(self.cell(bad))
+        classification = self.predicate.classify(trial)
+        self._note(bad, "bad end", trial, classification)
+        if classification.answer is Answer.BAD:
+            return None
+        self.notes.append(f"the bad end {bad.name}: {classification.words}")
+        return Status.REFUSED if classification.answer is Answer.GOOD else Status.UNTOLD
 
     def _good_end(self) -> int | None:
         """Return the place of a good candidate, or None.
@@ -257,7 +281,8 @@ class Bisection:
             if candidate is None:
                 return None, None
             self.say(f"{self.task.axis} {candidate.name} in all phases")
-            trial = self.bench.measure(self.cell(candidate), keep=True, whole=True)
+            # A cell that was only stepped from states must not replace its whole record.
+            trial = self.bench.measure(self.cell(candidate), keep=not self.task.behaves, whole=True)
             steps.append(self._note(candidate, "whole", trial, self._predicate.classify(trial)))
         return steps[0], steps[1]
 
@@ -272,7 +297,7 @@ class Bisection:
     # --- parts -----------------------------------------------------------------------------------------------------
 
     @property
-    def _predicate(self) -> Predicate:
+    def _predicate(self) -> AnyPredicate:
         assert self.predicate is not None
         return self.predicate
 
@@ -293,7 +318,7 @@ class Bisection:
 
     def _note(self, candidate: Candidate, why: str, trial: Trial, classification: Classification) -> Step:
         until = self.predicate.until if self.predicate else Phase.SUITE
-        if trial.works and why != "whole" and until is not Phase.SUITE:
+        if trial.works and why != "whole" and until is not Phase.SUITE and not self.task.behaves:
             classification = replace(classification, words=f"passes {until}")  # nothing behind it was run
         step = Step(candidate=candidate, why=why, trial=trial, classification=classification)
         self.steps.append(step)

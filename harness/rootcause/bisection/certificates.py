@@ -14,6 +14,7 @@ from harness.model import Cell, Phase, Verdict
 from harness.model.report_types import format_count
 from harness.rootcause import search, search_documents
 from harness.rootcause.bench import Trial
+from harness.rootcause.bisection.behaviour import BehaviourPredicate
 from harness.rootcause.bisection.bisecting import LOOKING, Bisection, BisectionResult, Status, Step
 from harness.rootcause.bisection.candidates import Candidate, diff_locks
 from harness.rootcause.bisection.predicate import strip_run_count
@@ -24,12 +25,16 @@ DATE = "--date"
 
 
 class PredicateEntry(msgspec.Struct, frozen=True, kw_only=True):
-    """The definition of bad. `same` is true if only this failure counts, false if any does."""
+    """The definition of bad. `same` is true if only this failure counts, false if any does.
+
+    `behaves` says in words which behaviour is bad; then no failure is.
+    """
 
     same: bool
     phase: Phase | None
     causes: tuple[str, ...]
     line: str | None
+    behaves: str | None = None
 
 
 class StepEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -165,6 +170,8 @@ def document(done: BisectionResult, search_: Bisection, *, left_out: tuple[str, 
 def _predicate(done: BisectionResult) -> PredicateEntry | None:
     if done.predicate is None:
         return None
+    if isinstance(done.predicate, BehaviourPredicate):
+        return PredicateEntry(same=False, phase=Phase.BEHAVE, causes=(), line=None, behaves=done.predicate.words)
     failed = done.predicate.failure
     if failed is None:
         return PredicateEntry(same=False, phase=None, causes=(), line=None)
@@ -196,9 +203,11 @@ def _neighbour(step: Step | None, done: Bisection) -> NeighbourEntry | None:
 
 
 def _turn(turn: Turn[Candidate], done: BisectionResult) -> TurnEntry:
-    failed = done.predicate.failure if done.predicate else None
-    bad = f"{failed.phase}: {failed.causes[0] if failed.causes else failed.line}" if failed else "fails"
-    words: dict[Hashable, str] = {Answer.GOOD: "works", Answer.BAD: bad}
+    words: dict[Hashable, str] = {Answer.GOOD: "works", Answer.BAD: "fails"}
+    if isinstance(done.predicate, BehaviourPredicate):
+        words = {Answer.GOOD: "behaves the same", Answer.BAD: "behaves otherwise"}
+    elif done.predicate and (failed := done.predicate.failure):
+        words[Answer.BAD] = f"{failed.phase}: {failed.causes[0] if failed.causes else failed.line}"
     return TurnEntry(
         before=turn.before.name,
         after=turn.after.name,
@@ -227,11 +236,18 @@ def claim(done: BisectionResult, cell: Cell, axis: str) -> str:
     thing = {DATE: "the index of", "--python": "Python"}.get(axis, axis)
     names = [f"{thing} {_last(done, one, axis)}" for one in (good, bad)]
     last, first = ("last", "first") if done.oldest_first else ("first", "last")
+    works, what = _sides(done, good, bad)
+    comma = "," if "," in works else ""
+    return f"{names[0]} is the {last} that {works}{comma} and {names[1]} the {first} that {what}{_gap(done)}"
+
+
+def _sides(done: BisectionResult, good: Step, bad: Step) -> tuple[str, str]:
+    """Return what the good and the bad neighbour do."""
+    if isinstance(done.predicate, BehaviourPredicate):
+        return good.classification.words, bad.classification.words
     works = good.trial.success_text if good.trial.works else f"is without this failure ({good.classification.words})"
     failing = strip_run_count(bad.trial.failure) or (done.predicate.failure if done.predicate else None)
-    what = f"fails with {failing.line}" if failing and failing.line else "fails"
-    gap = _gap(done)
-    return f"{names[0]} is the {last} that {works} and {names[1]} the {first} that {what}{gap}"
+    return works, f"fails with {failing.line}" if failing and failing.line else "fails"
 
 
 def _last(done: BisectionResult, neighbour: Step, axis: str) -> str:
@@ -266,8 +282,9 @@ def lines(certificate: BisectDocument) -> Iterator[str]:
     """Yield the certificate as lines for a terminal."""
     yield certificate.claim
     if certificate.predicate:
-        failing = f"the same failure in {certificate.predicate.phase}" if certificate.predicate.same else "any failure"
-        yield f"bad is: {failing}{f' ({certificate.predicate.causes[0]})' if certificate.predicate.causes else ''}"
+        bad = certificate.predicate
+        failing = f"the same failure in {bad.phase}" if bad.same else bad.behaves or "any failure"
+        yield f"bad is: {failing}{f' ({bad.causes[0]})' if bad.causes else ''}"
     if len(certificate.chain) > 1:
         yield "the chain:"
         for turn in certificate.chain:

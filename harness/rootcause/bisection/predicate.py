@@ -69,8 +69,7 @@ class Predicate:
             return Classification(answer=Answer.UNTESTABLE, why=None, words=words)
         if self.failure is not None and self._passed(trial):
             return Classification(answer=Answer.GOOD, why=None, words=f"passes {self.until}")
-        reason = f"{trial.assessed.verdict}: {trial.assessed.decisive or 'no line says why'}"
-        return Classification(answer=Answer.UNTESTABLE, why=None, words=reason)
+        return Classification(answer=Answer.UNTESTABLE, why=None, words=trial.failure_text)
 
     def _passed(self, trial: Trial) -> bool:
         """Return whether a trial passed the phase that failed, and all phases before it."""

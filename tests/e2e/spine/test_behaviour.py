@@ -116,3 +116,24 @@ def test_compare_says_what_differs_and_needs_a_common_environment(frozen: Desk) 
     none = frozen.run("compare", cells[0], cells[1], "--env", "Ant-v5")
     assert none.code == 2
     assert "the two cells have no environment Ant-v5 in common" in none.err
+
+
+def test_bisect_finds_the_release_that_behaves_otherwise(desk: Desk) -> None:
+    """The certificate names the last release that behaves like the good end, and the first that does not."""
+    desk.matrix("swing", SEED)
+    cell = "swing.toml/py*_fake-swing-2.0"
+    ran = desk.run("bisect", cell, "--axis", "fake-swing", "--behaves", "--good", "1.0", "--out", "found", "--json")
+    assert ran.code == 0, ran.err
+    assert (ran.document["good"]["candidate"], ran.document["bad"]["candidate"]) == ("1.1", "2.0")
+    assert ran.document["predicate"]["behaves"] == "fake_swing:Swing-v0 behaves otherwise than with fake-swing 1.0"
+    assert ran.document["claim"].startswith("fake-swing 1.1 is the last that behaves the same, up to rounding, and ")
+    assert "fake-swing 2.0 the first that behaves otherwise; the next state" in ran.document["claim"]
+    page = (desk.folder / "found" / "bisect.md").read_text(encoding="utf-8")
+    assert "fake_swing:Swing-v0 behaves otherwise than with fake-swing 1.0." in page
+
+    same = desk.run(
+        "bisect", cell, "--axis", "fake-swing", "--behaves", "--good", "1.0", "--bad", "1.1", "--out", "alike"
+    )
+    assert (same.code, "the bad end 1.1: behaves the same, up to rounding" in same.out) == (1, True)
+    unnamed = desk.run("bisect", cell, "--axis", "fake-swing", "--behaves")
+    assert (unnamed.code, "name the end that behaves rightly with --good" in unnamed.err) == (2, True)
