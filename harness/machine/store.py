@@ -182,16 +182,16 @@ class _GlancedPhase(msgspec.Struct, frozen=True):
     peak_mb: int | None = None
 
 
-class _GlancedCase(msgspec.Struct, frozen=True):
+class _SummaryOfCase(msgspec.Struct, frozen=True):
     case: str
     phases: tuple[_GlancedPhase, ...]
 
 
-class Glance(msgspec.Struct, frozen=True):
+class StoredSummary(msgspec.Struct, frozen=True):
     """The part of a cell's record that is needed to schedule it."""
 
     seconds: float = 0.0
-    cases: tuple[_GlancedCase, ...] = ()
+    cases: tuple[_SummaryOfCase, ...] = ()
 
     @property
     def phases(self) -> list[_GlancedPhase]:
@@ -273,10 +273,10 @@ class Store:
             record = replace(before, cell=_renamed(before.cell))
         return record if record and record.cell.id == cell.id else None
 
-    def glance(self, machine: str, cell: Cell) -> Glance | None:
+    def glance(self, machine: str, cell: Cell) -> StoredSummary | None:
         """Return the part of a cell's last record that shows its cost; None if there is no record."""
         files = (self.cell_file(machine, name) for name in (cell.id, cellid.to_old_form(cell)))
-        return next((summary for file in files if (summary := guarded_files.load(file, Glance))), None)
+        return next((summary for file in files if (summary := guarded_files.load(file, StoredSummary))), None)
 
     def save_machine(self, name: str, facts: Mapping[str, Any]) -> None:
         """Keep the facts of a machine that cells are measured on."""
