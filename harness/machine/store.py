@@ -177,14 +177,14 @@ class InstallResult:
     failed: Step | None = None
 
 
-class _GlancedPhase(msgspec.Struct, frozen=True):
+class _SummaryOfPhase(msgspec.Struct, frozen=True):
     outcome: Outcome
     peak_mb: int | None = None
 
 
 class _SummaryOfCase(msgspec.Struct, frozen=True):
     case: str
-    phases: tuple[_GlancedPhase, ...]
+    phases: tuple[_SummaryOfPhase, ...]
 
 
 class StoredSummary(msgspec.Struct, frozen=True):
@@ -194,7 +194,7 @@ class StoredSummary(msgspec.Struct, frozen=True):
     cases: tuple[_SummaryOfCase, ...] = ()
 
     @property
-    def phases(self) -> list[_GlancedPhase]:
+    def phases(self) -> list[_SummaryOfPhase]:
         """Return the phases of all cases."""
         return [phase for case in self.cases for phase in case.phases]
 
@@ -273,7 +273,7 @@ class Store:
             record = replace(before, cell=_renamed(before.cell))
         return record if record and record.cell.id == cell.id else None
 
-    def glance(self, machine: str, cell: Cell) -> StoredSummary | None:
+    def read_summary(self, machine: str, cell: Cell) -> StoredSummary | None:
         """Return the part of a cell's last record that shows its cost; None if there is no record."""
         files = (self.cell_file(machine, name) for name in (cell.id, cellid.to_old_form(cell)))
         return next((summary for file in files if (summary := guarded_files.load(file, StoredSummary))), None)

@@ -1,4 +1,4 @@
-"""Hold the values that every room shares: cells, plans, locks, records, observations; frozen, without I/O.
+"""Hold the values that rooms share, and check them as they are read (`schema`): cells, plans, records; no I/O.
 
 The values are loaded at the first use of one: errors, which every start needs, do without them.
 """

@@ -1,4 +1,4 @@
-"""Run many cells: open a matrix, lock, reuse, schedule, run controls, split into shards, collect offline bundles."""
+"""Run many cells: open a matrix, lock, reuse, schedule, run controls, split into shards, fetch, clean up (`gc`)."""
 
 __all__ = [
     "behaviour_runs",

@@ -214,7 +214,7 @@ def _stored(chance: random.Random) -> list[str]:
 
 def _read_stored(words: list[str]) -> int:
     store = Store(Path("state").absolute())
-    records = (*store.cells(), store.load_cell("here", CELL), store.glance("here", CELL))
+    records = (*store.cells(), store.load_cell("here", CELL), store.read_summary("here", CELL))
     return 0 if any((store.load_lock("abcd"), store.load_installed("abcd"), *records)) else 2
 
 

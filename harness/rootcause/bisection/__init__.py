@@ -1,3 +1,3 @@
 """Bisect: find the release, the day or the Python at which a cell broke, and certify it."""
 
-__all__ = ["bisecting", "candidates", "certificates", "guesses"]
+__all__ = ["behaviour", "bisecting", "candidates", "certificates", "guesses"]

@@ -16,14 +16,14 @@ class Past:
     """The last records of some cells on one machine."""
 
     def __init__(self, store: Store, machine: str, cells: Iterable[Cell]) -> None:
-        glances = {cell.id: store.glance(machine, cell) for cell in cells}
-        self._known = {name: glance for name, glance in glances.items() if glance}
+        summaries = {cell.id: store.read_summary(machine, cell) for cell in cells}
+        self._known = {name: summary for name, summary in summaries.items() if summary}
 
     def seconds(self, cell: Cell) -> float:
         """Return the seconds that the cell took last time; infinity if unknown, so that it is not left to the last."""
-        glance = self._known.get(cell.id)
-        ran = glance is not None and any(phase.outcome is not Outcome.NOT_REACHED for phase in glance.phases)
-        return glance.seconds if glance and ran else float("inf")
+        summary = self._known.get(cell.id)
+        ran = summary is not None and any(phase.outcome is not Outcome.NOT_REACHED for phase in summary.phases)
+        return summary.seconds if summary and ran else float("inf")
 
     def memory_mb(self, cell: Cell) -> int:
         """Return the most MB that one of its cases held last time, here or in a like cell; at most its limit."""
@@ -37,7 +37,7 @@ class Past:
     def _elsewhere(self) -> dict[str, int]:
         """Return the most MB that a case of each name held in any of the cells."""
         most: dict[str, int] = {}
-        for glance in self._known.values():
-            for case, peak in glance.peaks.items():
+        for summary in self._known.values():
+            for case, peak in summary.peaks.items():
                 most[case] = max(peak, most.get(case, 0))
         return most

@@ -267,7 +267,7 @@ def test_a_record_of_an_earlier_version_is_read(tmp_path: Path) -> None:
 
     assert [record.cell.id for record in kept.cells()] == [f"{CELL.id}_with-repair-on-py3.9", CELL.id]
     assert {record.cell.base for record in kept.cells()} == {CELL.id, None}
-    found, glance = kept.load_cell("here", today), kept.glance("here", today)
+    found, glance = kept.load_cell("here", today), kept.read_summary("here", today)
     assert (found and found.cell, glance and glance.seconds) == (today, 3.0)
 
     kept.save_cell(replace(stored(CELL.id), seconds=5.0))
