@@ -8,6 +8,8 @@ import random
 
 import numpy as np
 
+from .cell_action_space import action_space_of
+
 STATES = 300
 KINDS = ("play", "drop", "overlap", "limit")
 SHARES = (0.4, 0.2, 0.2, 0.2)
@@ -21,35 +23,16 @@ def rounded(values):
     return np.asarray(values, dtype=np.float32).astype(float)
 
 
-def draw_action(space, dice):
-    """Draw an action: numbers within the bounds of a box, within 1 where it has none, or a number of choices."""
-    if hasattr(space, "n"):
-        return np.array([dice.randrange(int(space.n))], dtype=float)
-    low = np.maximum(np.asarray(space.low, dtype=float).ravel(), -1e3)
-    high = np.minimum(np.asarray(space.high, dtype=float).ravel(), 1e3)
-    low, high = np.where(low <= -1e3, -1.0, low), np.where(high >= 1e3, 1.0, high)
-    return rounded(low + (high - low) * np.array([dice.random() for _ in low]))
-
-
-def as_action(space, values):
-    """Return an action as the environment takes it."""
-    if hasattr(space, "n"):
-        return int(values[0])
-    return np.asarray(values).astype(space.dtype).reshape(space.shape)
-
-
 class Maker:
     """Makes the states of one environment."""
 
     def __init__(self, env, physics, seed, states=STATES):
         self.env = env
         self.physics = physics
-        self.space = env.raw.action_space
+        self.space = action_space_of(env)
         self.dice = random.Random(seed)
         self.seed = seed
         self.counts = [round(share * states) for share in SHARES]
-        if not physics.warm_starts:
-            self.counts = [states, 0, 0, 0]
 
     def make(self):
         """Return the bank: arrays by name, one row a state."""
@@ -66,13 +49,13 @@ class Maker:
         """Play one episode with random actions, each held for some steps, and return some of its states."""
         self.seed += 1
         self.env.reset(self.seed)
-        rows, action = [], draw_action(self.space, self.dice)
+        rows, action = [], self.space.draw(self.dice)
         for _ in range(EPISODE):
             if self.dice.random() < 0.3:
-                action = draw_action(self.space, self.dice)
+                action = self.space.draw(self.dice)
             if self.dice.random() < 0.2 and len(rows) < most:
                 rows.append(self._row(0))
-            if any(self.env.step(as_action(self.space, action))[2:4]):
+            if any(self.env.step(self.space.as_action(action))[2:4]):
                 break
         return rows
 
@@ -82,7 +65,7 @@ class Maker:
         row = {"state." + name: rounded(values) for name, values in physics.read().items()}
         if physics.warm_starts:
             row["warm"] = rounded(physics.warm_start())
-        return dict(row, action=draw_action(self.space, self.dice), kind=np.array(kind))
+        return dict(row, action=self.space.draw(self.dice), kind=np.array(kind))
 
     def _changed(self, kind, count, played):
         """Return states that are made of played ones: the better half of what was tried, by what the kind is about."""

@@ -4,7 +4,9 @@ import sys
 
 import numpy as np
 
-from .cell_errors import library, skip
+from .cell_action_space import action_space_of
+from .cell_errors import library
+from .cell_flat import flat
 from .cell_sketch import Stages
 
 MUJOCO_STATE = ("qpos", "qvel", "act", "mocap_pos", "mocap_quat", "ctrl")
@@ -15,21 +17,99 @@ EXACT_ITERATIONS = 100
 
 
 def physics_of(env):
-    """Return the physics of an opened environment. Skips where no state can be set."""
+    """Return the physics of an opened environment, which was reset; of one whose state cannot be set, seeded runs."""
     raw = getattr(env.raw, "unwrapped", env.raw)
-    model, data = getattr(raw, "model", None), getattr(raw, "data", None)
+    model, data, step, substeps, unset = _simulation(raw)
     mujoco = sys.modules.get("mujoco")
     if hasattr(mujoco, "MjModel") and isinstance(model, mujoco.MjModel):
-        return MujocoPhysics(mujoco, model, data, raw.step)
+        return MujocoPhysics(mujoco, model, data, step, substeps, unset)
     if isinstance(getattr(raw, "state", None), (tuple, list, np.ndarray)):
         return AttributePhysics(raw)
-    skip("behave.no_state")
-    return None
+    return SeededPhysics(env)
+
+
+def _simulation(raw):
+    """Return MuJoCo's model and data of an environment, its step, the simulator's steps in it, and what is not set.
+
+    Environments of Gymnasium and its kin have both as attributes, those of robosuite in `sim`, of dm_control in
+    `physics`. The last two count steps and end episodes, so the count is set back before each step.
+    """
+    if hasattr(raw, "sim") and hasattr(raw, "model_timestep"):
+
+        def step_robosuite(action):
+            raw.timestep, raw.done = 0, False
+            return raw.step(action)
+
+        model, data = (getattr(raw.sim.model, "_model", None), getattr(raw.sim.data, "_data", None))
+        substeps = round(raw.control_timestep / raw.model_timestep)
+        return model, data, step_robosuite, substeps, ("controller goals and interpolators", "observation caches")
+    if hasattr(raw, "physics") and hasattr(raw, "action_spec"):
+
+        def step_dm_control(action):
+            raw._step_count, raw._reset_next_step = 0, False
+            result = raw.step(action)
+            return result.observation, result.reward, result.step_type.name == "LAST", {}
+
+        model, data = (getattr(getattr(raw.physics, name, None), "ptr", None) for name in ("model", "data"))
+        return model, data, step_dm_control, int(getattr(raw, "_n_sub_steps", 1)), ("state of the task",)
+    model, data = getattr(raw, "model", None), getattr(raw, "data", None)
+    substeps = getattr(raw, "frame_skip", None) or getattr(raw, "n_substeps", None) or 1
+    return model, data, getattr(raw, "step", None), int(substeps), ()
+
+
+SEEDS, HORIZON = 20, 15
+"""Seeds of an environment whose state cannot be set, and steps of each run: rounding grows with every step."""
+
+
+class SeededPhysics:
+    """Runs from seeded resets, of an environment whose state cannot be set: a state is a seed and the actions since.
+
+    What it leads to is what is observed; so a twin differs in the actions before it alone.
+    """
+
+    method = "seeded"
+    parts = ("seed", "count", "past")
+    unset = ("all but the seed and the actions since the reset",)
+    warm_starts = False
+    stages = None
+    precision = np.dtype(float)
+
+    def __init__(self, env):
+        self.env = env
+        self.space = action_space_of(env)
+        self.length = (HORIZON - 1) * self.space.size
+        self.present = {"seed": np.zeros(1), "count": np.zeros(1), "past": np.zeros(self.length)}
+        self.observation = None
+
+    def read(self):
+        """Return the state: a dict of one-dimensional arrays of float64."""
+        return dict(self.present)
+
+    def write(self, state, _warm=None):
+        """Reset with the seed, and repeat the actions since."""
+        self.present = {name: np.array(state[name], dtype=float) for name in self.parts}
+        self.observation = self.env.reset(int(state["seed"][0]))
+        for action in np.reshape(state["past"], (HORIZON - 1, -1))[: int(state["count"][0])]:
+            self.step(self.space.as_action(action))
+
+    def step(self, action):
+        """Make one step."""
+        self.observation, reward, terminated, truncated = self.env.step(action)
+        return self.observation, reward, terminated, truncated, {}
+
+    def outcome(self):
+        """Return the last observation, in place of the state after a step."""
+        return flat(self.observation)
+
+    def contacts(self):
+        """Return the geometry pairs in contact: none."""
+        return ()
 
 
 class AttributePhysics:
     """An environment whose whole state is its attribute `state`, as Gymnasium's classic control tasks have it."""
 
+    method = "state"
     parts = ("state",)
     unset = ()
     warm_starts = False
@@ -54,24 +134,30 @@ class AttributePhysics:
             if hasattr(self.raw, name):
                 setattr(self.raw, name, None)
 
+    def outcome(self):
+        """Return the state after a step."""
+        return self.read()["state"]
+
     def contacts(self):
         """Return the geometry pairs in contact: none."""
         return ()
 
 
 class MujocoPhysics:
-    """A model and its data of MuJoCo's bindings; `step` is the environment's own."""
+    """A model and its data of MuJoCo's bindings; `step` is the environment's own, of so many of the simulator's."""
 
+    method = "state"
     warm_starts = True
     precision = np.dtype(float)
 
-    def __init__(self, mujoco, model, data, step):
+    def __init__(self, mujoco, model, data, step, substeps, unset):
         self.mujoco = mujoco
         self.model = model
         self.data = data
         self.step = step
+        self.substeps = substeps
         self.parts = ("time", *(name for name in MUJOCO_STATE if getattr(data, name).size))
-        self.unset = tuple(self._unset())
+        self.unset = (*unset, *self._unset())
         self.stages = Stages(mujoco, model, data)
 
     def _unset(self):
@@ -84,6 +170,11 @@ class MujocoPhysics:
         """Return the state: a dict of one-dimensional arrays of float64."""
         state = {name: np.array(getattr(self.data, name), dtype=float).ravel() for name in self.parts if name != "time"}
         return dict(state, time=np.array([self.data.time]))
+
+    def outcome(self):
+        """Return the state after a step, but for the controls."""
+        state = self.read()
+        return np.concatenate([state[name] for name in self.parts if name != "ctrl"])
 
     def warm_start(self):
         """Return the acceleration that the solver starts from."""

@@ -4,8 +4,9 @@ import random
 
 import numpy as np
 
-from .cell_bank import as_action, draw_action
+from .cell_action_space import action_space_of
 from .cell_errors import library
+from .cell_flat import flat, precision_of
 
 TWINS, EXACT_TWINS = 16, 4
 CONTACT_TWINS, LARGE_NOISE = 199, 1e-9
@@ -13,28 +14,11 @@ CONTACT_TWINS, LARGE_NOISE = 199, 1e-9
 
 RESET_SEEDS = 50
 EPISODES, LONGEST_EPISODE = 5, 200
+MOVED_ACTIONS, UNMOVED = ("action", "state.past"), ("state.time", "state.seed", "state.count")
+"""Parts of a state that a twin moves unless they are choices, and parts that it never moves."""
+
 REPEATED = 30
 """States that are stepped from once more at the end, in the other order."""
-
-
-def flat(observation):
-    """Return an observation as one array of numbers; parts of a dict in the order of their names."""
-    if hasattr(observation, "items"):
-        parts = [flat(observation[name]) for name in sorted(observation, key=str)]
-        return np.concatenate(parts) if parts else np.zeros(0)
-    if isinstance(observation, (tuple, list)):
-        return np.concatenate([flat(part) for part in observation]) if observation else np.zeros(0)
-    return np.asarray(observation, dtype=float).ravel()
-
-
-def precision_of(observation):
-    """Return the coarsest float type of an observation's parts, as its name."""
-    if hasattr(observation, "items"):
-        observation = list(observation.values())
-    if isinstance(observation, (tuple, list)) and observation:
-        return min((precision_of(part) for part in observation), key=lambda name: np.dtype(name).itemsize)
-    kind = np.asarray(observation).dtype
-    return kind.name if kind.kind == "f" else "float64"
 
 
 class Stepper:
@@ -43,7 +27,7 @@ class Stepper:
     def __init__(self, env, physics):
         self.env = env
         self.physics = physics
-        self.space = env.raw.action_space
+        self.space = action_space_of(env)
 
     def outputs(self, bank):
         """Return what every state leads to: arrays by name with one row a state, and facts."""
@@ -68,13 +52,15 @@ class Stepper:
         """Return whether the states of a bank are states of this environment, and its actions valid."""
         sizes = {name: values.size for name, values in self.physics.read().items()}
         given = {name[6:]: values.shape[1] for name, values in bank.items() if name.startswith("state.")}
-        return given == sizes and bank["action"].shape[1] == draw_action(self.space, random.Random(0)).size
+        return given == sizes and bank["action"].shape[1] == self.space.size
 
     def describe(self, env):
         """Return the facts of the environment that are no arrays."""
         physics, observation = self.physics, env.reset(0)
         facts = {
+            "method": physics.method,
             "spaces": env.describe(),
+            "action": self.space.describe(),
             "sizes": {name: int(values.size) for name, values in physics.read().items()},
             "parts": list(physics.parts),
             "unset": list(physics.unset),
@@ -83,14 +69,14 @@ class Stepper:
         }
         if physics.stages:
             facts["model"] = physics.stages.model_sums()
-            facts["starts"] = physics.stages.names_of_starts(getattr(env.raw.unwrapped, "frame_skip", 1))
+            facts["starts"] = physics.stages.names_of_starts(physics.substeps)
             facts["geometries"] = physics.stages.geometries()
         return facts
 
     def _row(self, bank, number, keys, pairs):
         physics = self.physics
         state = state_of(bank, number)
-        action = as_action(self.space, bank["action"][number])
+        action = self.space.as_action(bank["action"][number])
         row = {}
         if physics.warm_starts:
             warm = bank["warm"][number]
@@ -116,7 +102,7 @@ class Stepper:
         observation, reward, info = result[0], result[1], result[-1]
         ended = (result[2], result[3] if len(result) > 4 else False)  # before gym 0.26 there is one flag
         return {
-            "state": np.concatenate([self.physics.read()[name] for name in self.physics.parts if name != "ctrl"]),
+            "state": self.physics.outcome(),
             "observation": flat(observation),
             "reward": np.array(float(reward)),
             "ended": np.array([float(bool(value)) for value in ended]),
@@ -143,7 +129,7 @@ class Stepper:
         outputs.extend(stages.inner())
         physics.write(state)
         physics.data.ctrl[:] = self._control(state, action)
-        for _ in range(getattr(self.env.raw.unwrapped, "frame_skip", 1) - 1):
+        for _ in range(physics.substeps - 1):
             physics.simulate()
             outputs.append(stages.forward())
         return np.array(outputs)
@@ -191,7 +177,7 @@ def noise(stepper, bank, outputs, seed):
         turn, near_contact, met = 0, False, None
         while turn < (CONTACT_TWINS if near_contact else TWINS):
             twin = _twin(stepper, bank, number, dice)
-            state, action = state_of(twin, 0), as_action(stepper.space, twin["action"][0])
+            state, action = state_of(twin, 0), stepper.space.as_action(twin["action"][0])
             row = stepper.advance(state, action)[0]
             contacts = physics.contacts()
             near_contact, met = near_contact or met not in (None, contacts), contacts
@@ -218,8 +204,11 @@ def _twin(stepper, bank, number, dice):
     twin = {}
     for name, values in bank.items():
         row = values[number : number + 1]
-        moved = name.startswith("state.") and name != "state.time"
-        if moved or (name == "action" and not hasattr(stepper.space, "n")):
+        if name in MOVED_ACTIONS:
+            moved = not stepper.space.is_discrete
+        else:
+            moved = name.startswith("state.") and name not in UNMOVED
+        if moved:
             signs = np.array([1.0 if dice.random() < 0.5 else -1.0 for _ in range(row.size)]).reshape(row.shape)
             row = row + eps * np.maximum(np.median(np.abs(values), axis=0), np.abs(row)) * signs
         twin[name] = row
@@ -236,7 +225,7 @@ def starts(env, space):
         length = 0
         while length < LONGEST_EPISODE:
             length += 1
-            if any(env.step(as_action(space, draw_action(space, dice)))[2:4]):
+            if any(env.step(space.as_action(space.draw(dice)))[2:4]):
                 break
         lengths.append(length)
     return observations, lengths

@@ -3,11 +3,13 @@
 import numpy as np
 
 from .cell_arrays import BANK, save
-from .cell_attribute_bank import AttributeMaker
 from .cell_bank import Maker
 from .cell_episode import open_single
-from .cell_physics import physics_of
+from .cell_physics import AttributePhysics, MujocoPhysics, SeededPhysics, physics_of
+from .cell_plain_bank import AttributeMaker, SeededMaker
 from .cell_steps import Stepper, noise, scales, starts
+
+MAKERS = {MujocoPhysics: Maker, AttributePhysics: AttributeMaker, SeededPhysics: SeededMaker}
 
 
 def run(probe, _facts):
@@ -19,8 +21,7 @@ def run(probe, _facts):
     with open_single(probe) as env:
         env.reset(probe.case["seed"])
         physics = physics_of(env)
-        maker = Maker if physics.warm_starts else AttributeMaker
-        bank = maker(env, physics, probe.case["seed"]).make()
+        bank = MAKERS[type(physics)](env, physics, probe.case["seed"]).make()
         stepper = Stepper(env, physics)
         outputs, facts = stepper.outputs(bank)
         worst = noise(stepper, bank, outputs, probe.case["seed"])

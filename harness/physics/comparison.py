@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 
@@ -78,7 +79,8 @@ class Comparison:
 
     `kind` sums it up. `dynamics` is of the next state alone, `start` of the resets. `stage` is the first stage that
     differs, `start_of_stage` the step or inner stage at whose start it was read, `model` the physical arrays of the
-    model that differ. `warm_start` is whether the next state differs only from the stored warm start.
+    model that differ. `warm_start` is whether the next state differs only from the stored warm start. `seeded` is
+    whether no state can be set: then the states are those of short runs from seeded resets.
     """
 
     kind: Class
@@ -89,6 +91,7 @@ class Comparison:
     start_of_stage: str | None = None
     model: tuple[str, ...] = ()
     warm_start: bool = False
+    seeded: bool = False
 
     @property
     def agrees(self) -> bool:
@@ -115,6 +118,9 @@ def compare(first: Outputs, second: Outputs, bank: Bank) -> Comparison:
     if not (first.facts["repeats"] and second.facts["repeats"]):
         kind = Class.NONDETERMINISTIC
         return Comparison(kind=kind, dynamics=kind, start=_start(first, second))
+    start, seeded = _start(first, second), bank.facts.get("method") == "seeded"
+    if seeded and start not in AGREEING:
+        return Comparison(kind=Class.NOT_COMPARABLE, dynamics=Class.NOT_COMPARABLE, start=start, seeded=True)
     names = [name for name in ("step", "warm_step", "state", "observation", "reward") if name in first.arrays]
     differences = {name: _difference(name, first, second, bank) for name in names}
     differences["ended"] = _exact("ended", _texts(first.arrays["ended"]), _texts(second.arrays["ended"]))
@@ -127,24 +133,24 @@ def compare(first: Outputs, second: Outputs, bank: Bank) -> Comparison:
     return Comparison(
         kind=_sum_up(first, second, dynamics, warm_start, differences),
         dynamics=Class.CHANGED if warm_start else dynamics,
-        start=_comparable_start(_start(first, second), differences["observation"]),
+        start=_comparable_start(start, differences["observation"]),
         differences=tuple(differences.values()),
         stage=stage.name if dynamics not in {Class.IDENTICAL, Class.ROUND_OFF} else None,
         start_of_stage=stage.start if dynamics not in {Class.IDENTICAL, Class.ROUND_OFF} else None,
         model=_model(first, second),
         warm_start=warm_start,
+        seeded=seeded,
     )
 
 
 def _sum_up(
     first: Outputs, second: Outputs, dynamics: Class, warm_start: bool, differences: Mapping[str, Difference]
 ) -> Class:
-    actions = [outputs.facts["spaces"].get("action_space") for outputs in (first, second)]
     # What is seen of another state is no other observation, reward or end.
     alike = dynamics in {Class.IDENTICAL, Class.ROUND_OFF}
     observation, reward, ended = (differences[name].kind for name in ("observation", "reward", "ended"))
     by_weight = (
-        (Class.OTHER_INTERFACE, actions[0] != actions[1]),
+        (Class.OTHER_INTERFACE, not _same_actions(first.facts, second.facts)),
         (Class.CHANGED, dynamics is Class.CHANGED or warm_start),
         (Class.OTHER_OBSERVATION, observation is Class.OTHER_OBSERVATION or (alike and observation is Class.CHANGED)),
         (Class.OTHER_REWARD, alike and reward is Class.CHANGED),
@@ -154,6 +160,13 @@ def _sum_up(
     order = (Class.UNDECIDED, Class.SOLVER_PRECISION, Class.ROUND_OFF)
     fitting = [kind for kind, holds in by_weight if holds] + [kind for kind in order if kind in kinds]
     return fitting[0] if fitting else Class.IDENTICAL
+
+
+def _same_actions(first: Mapping[str, Any], second: Mapping[str, Any]) -> bool:
+    """Return whether both take the same actions. Texts of spaces differ between releases whose spaces do not."""
+    if "action" in first and "action" in second:
+        return bool(first["action"] == second["action"])
+    return bool(first["spaces"].get("action_space") == second["spaces"].get("action_space"))
 
 
 # --- one output ------------------------------------------------------------------------------------------------

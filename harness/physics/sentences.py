@@ -24,7 +24,7 @@ KINDS = {
     Class.UNDECIDED: "cannot be decided: it differs by more than rounding, and no change is shown",
     Class.CHANGED: "behaves otherwise",
     Class.NOT_EXERCISED: "was not exercised",
-    Class.NOT_COMPARABLE: "cannot be compared: the states could not be set",
+    Class.NOT_COMPARABLE: "cannot be compared from the same states",
     Class.NONDETERMINISTIC: "cannot be compared: it does not repeat itself from the same state",
     Class.OTHER_INTERFACE: "has another interface: its state or its actions have another size",
     Class.OTHER_OBSERVATION: "moves the same, and observes otherwise",
@@ -49,6 +49,8 @@ def describe(comparison: Comparison) -> str:
             parts.append("only a stored warm start shows it")
         if comparison.model:
             parts.append(f"the model differs in {', '.join(comparison.model)}")
+    if comparison.seeded:
+        parts.append("its state cannot be set, so short runs from seeded resets were compared")
     if comparison.start in STARTS:
         parts.append(f"it {KINDS[comparison.start]}")
     return "; ".join(parts)

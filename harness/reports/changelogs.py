@@ -29,13 +29,10 @@ class Changelog(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def look_up(package: str, releases: Sequence[str]) -> str:
-    """Return what the changelog says of each release, or that it says nothing, or was not read.
-
-    Empty for a package without a file.
-    """
+    """Return what the changelog says of each release, or that it says nothing, or was not read."""
     log = _changelog(package)
     if log is None:
-        return ""
+        return f"The changelog of {package} was not read."
     notes = {note.version: note.says for note in log.release}
     versions = (release.rpartition("-")[2] for release in releases)  # `gym-0.26.2` where an axis has several packages
     return " ".join(_sentence(version, notes.get(version)) for version in versions)

@@ -26,7 +26,7 @@ from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.model.report_types import Document, format_count
 from harness.probes import launch
 from harness.probes.vault import Vault
-from harness.reports import behaviour, document, freshness, packs
+from harness.reports import behaviour, document, freshness, packs, size_plot
 from harness.reports.tables import tables
 from harness.reports.tables.table_types import Report
 from harness.reports.template_files import read_template
@@ -185,7 +185,7 @@ def probes(plan: Plan) -> dict[str, str]:
 
 
 def write(report: Document, folder: Path, pivot: tuple[str, str] | None, words: str | None = None) -> Report:
-    """Write `report.json` and `report.md` into a folder, and return the tables of the report.
+    """Write `report.json`, `report.md` and plots of behaviour into a folder, and return the tables of the report.
 
     Files that only the last report named are deleted. `words` is the template of the page in words, `README.md`, if the
     matrix has one.
@@ -195,6 +195,8 @@ def write(report: Document, folder: Path, pivot: tuple[str, str] | None, words: 
     store.write_atomic(folder / "report.json", document.encode(report))
     shown = tables.report(report, pivot)
     store.write_atomic(folder / "report.md", page(shown).encode())
+    for table in (table for sheet in shown.sheets for table in sheet.families):
+        store.write_atomic(folder / table.picture, size_plot.draw(table))
     if words is not None:
         store.write_atomic(folder / freshness.WORDS, author_pages.render(words, report, shown).encode())
     return shown

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from harness.model.report_types import BoundaryEntry, CellEntry
+from harness.physics.comparison import STARTS
 from harness.physics.families import release_order
 
 ABSENT = "-"
@@ -14,11 +15,25 @@ ABSENT = "-"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
+class ReleaseStep:
+    """The relation of a release to the one measured before it, for one environment.
+
+    `size` is the median relative difference in the states that differ, 0 where nothing has a size.
+    """
+
+    kind: str
+    size: float = 0.0
+    starts_otherwise: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
 class FamilyTable:
     """The families along one axis, with all other axes as they stand in `where`.
 
     `columns` are ranges of releases, `rows` are environments with their family in each range: a letter, `-` where it
-    was not measured, several letters where the range has several.
+    was not measured, several letters where the range has several. `steps` are the environments with a step for each of
+    `releases`: None for the first that was measured, and for those that were not. `picture` is a plot of them, a file
+    beside the report.
     """
 
     axis: str
@@ -28,6 +43,15 @@ class FamilyTable:
     measured: int
     changed: int
     tasks: int
+    releases: tuple[str, ...]
+    steps: Mapping[str, tuple[ReleaseStep | None, ...]]
+    picture: str
+
+    @property
+    def subject(self) -> str:
+        """Return the packages whose releases these are: those in the values (`gym-0.26.2`), else the axis."""
+        names = dict.fromkeys(release_order(value)[0] for column in self.columns for value in column.split(" to "))
+        return " and ".join(filter(None, names)) or self.axis
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -46,9 +70,18 @@ class Change:
     cells: tuple[str, str]
     changelog: str
 
+    @property
+    def title(self) -> str:
+        """Return both releases, with the name of the axis unless they name their packages themselves."""
+        named = f"{self.before} to {self.after}"
+        return named if release_order(self.before)[0] else f"{self.axis} {named}"
 
-def tables(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[FamilyTable, ...]:
+
+def tables(
+    cells: Sequence[CellEntry], axes: Sequence[str], boundaries: Iterable[BoundaryEntry] = ()
+) -> tuple[FamilyTable, ...]:
     """Return a table for each axis along which releases were compared."""
+    sizes = {(one.axis, one.cells[1], one.env or one.case): one for one in boundaries}
     behaving = [cell for cell in cells if any(case.behaviour for case in cell.cases)]
     result = []
     for axis in axes:
@@ -58,11 +91,16 @@ def tables(cells: Sequence[CellEntry], axes: Sequence[str]) -> tuple[FamilyTable
         for cell in behaving:
             rest = tuple(sorted((name, value) for name, value in cell.axes.items() if name != axis))
             groups.setdefault(rest, []).append(cell)
-        result += [_table(axis, rest, group) for rest, group in groups.items() if len(group) > 1]
-    return tuple(result)
+        result += [_table(axis, rest, group, sizes) for rest, group in groups.items() if len(group) > 1]
+    return tuple(replace(table, picture=f"behaviour-{number}.svg") for number, table in enumerate(result, start=1))
 
 
-def _table(axis: str, rest: tuple[tuple[str, str], ...], cells: list[CellEntry]) -> FamilyTable:
+def _table(
+    axis: str,
+    rest: tuple[tuple[str, str], ...],
+    cells: list[CellEntry],
+    sizes: Mapping[tuple[str, str, str], BoundaryEntry],
+) -> FamilyTable:
     by_release = sorted(cells, key=lambda cell: release_order(cell.axes[axis]))
     envs = list(dict.fromkeys(case.env or case.case for cell in by_release for case in cell.cases if case.behaviour))
     families = {env: [_family(cell, env) for cell in by_release] for env in envs}
@@ -82,7 +120,19 @@ def _table(axis: str, rest: tuple[tuple[str, str], ...], cells: list[CellEntry])
         measured=len(by_release),
         changed=sum(len(family) > 1 for family in letters.values()),
         tasks=len(envs),
+        releases=tuple(releases),
+        steps={env: tuple(_step(cell, env, sizes.get((axis, cell.id, env))) for cell in by_release) for env in envs},
+        picture="",
     )
+
+
+def _step(cell: CellEntry, env: str, boundary: BoundaryEntry | None) -> ReleaseStep | None:
+    entry = next((case.behaviour for case in cell.cases if (case.env or case.case) == env), None)
+    if not entry or entry.reference is None:
+        return None
+    if boundary is None:
+        return ReleaseStep(kind=entry.classes["sum"])
+    return ReleaseStep(kind=boundary.kind, size=boundary.median, starts_otherwise=boundary.start in STARTS)
 
 
 def _joined(rows: dict[str, tuple[str, ...]]) -> tuple[tuple[str, tuple[str, ...]], ...]:

@@ -18,7 +18,7 @@ def family_legend(table: FamilyTable) -> str:
     """Explain the letters, and say how many environments change."""
     open_ends = " `?`: it cannot be decided." if any("?" in letter for _, row in table.rows for letter in row) else ""
     return (
-        f"Every release of {table.axis} was stepped from the same states. The same letter in a row: the environment "
+        f"Every release of {table.subject} was stepped from the same states. The same letter in a row: the environment "
         f"moves, observes, rewards and ends alike, up to rounding. Another letter: it does not.{open_ends} "
         f"{table.changed} of {table.tasks} environments change somewhere in these {table.measured} releases."
     )

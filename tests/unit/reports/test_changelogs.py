@@ -23,9 +23,14 @@ def test_only_what_was_read_is_claimed(tmp_path: Path, monkeypatch: pytest.Monke
     )
 
 
-def test_a_package_without_a_file_has_no_sentence() -> None:
+def test_the_changelog_of_a_package_without_a_file_was_not_read() -> None:
     """Nothing is claimed of it."""
-    assert changelogs.look_up("no-such-package", ("1.0",)) == ""
+    assert changelogs.look_up("no-such-package", ("1.0",)) == "The changelog of no-such-package was not read."
+
+
+def test_a_release_may_name_its_package() -> None:
+    """An axis of several packages has releases such as `mujoco-3.0.0`."""
+    assert changelogs.look_up("mujoco", ("mujoco-3.0.0",)) == changelogs.look_up("mujoco", ("3.0.0",))
 
 
 def test_the_committed_changelogs_can_be_read() -> None:
