@@ -6,7 +6,7 @@ import io
 import math
 from typing import TYPE_CHECKING, Any
 
-from harness.physics.comparison import AGREEING
+from harness.physics.comparison import AGREEING, Class
 from harness.reports.tables.family_tables import FamilyTable, ReleaseStep
 
 if TYPE_CHECKING:
@@ -24,7 +24,8 @@ WIDTH, HEIGHT = 0.2, 0.19
 
 LEGEND = (
     "Colour and number: power of ten of the median relative difference to the release before, where it differs. "
-    "Light grey: alike up to rounding. Dark: another interface, observation, reward or end. Dot: other starts."
+    "Light grey: alike up to rounding. Dark: another interface, observation, reward or end. Dot: other starts. "
+    "Question mark: cannot be decided."
 )
 
 
@@ -54,10 +55,22 @@ def _fill(axes: Axes, table: FamilyTable) -> None:
     axes.imshow(colours, interpolation="none", aspect="auto")
     for place, row in enumerate(table.steps.values()):
         for column, step in enumerate(row):
-            if step and (step.size or step.starts_otherwise):
-                text = str(_power(step.size)) if step.size else "•"
-                ink = "white" if step.size and _power(step.size) < SMALLEST / 2 else "black"
+            text = _mark(step) if step else ""
+            if step and text:
+                ink = "white" if _has_size(step) and _power(step.size) < SMALLEST / 2 else "black"
                 axes.text(column, place, text, ha="center", va="center", fontsize=5, color=ink)
+
+
+def _mark(step: ReleaseStep) -> str:
+    if step.kind == Class.UNDECIDED:
+        return "?"
+    if _has_size(step):
+        return str(_power(step.size))
+    return "●" if step.starts_otherwise else ""
+
+
+def _has_size(step: ReleaseStep) -> bool:
+    return step.size > 0 and step.kind != Class.UNDECIDED
 
 
 def _colour(step: ReleaseStep | None) -> tuple[float, ...]:
@@ -66,10 +79,10 @@ def _colour(step: ReleaseStep | None) -> tuple[float, ...]:
 
     if step is None:
         return to_rgba(UNMEASURED)
-    if step.size:
+    if _has_size(step):
         share = 1 - _power(step.size) / SMALLEST
         return colormaps["viridis"](min(1.0, max(0.0, share)))
-    return to_rgba(ALIKE if step.kind in AGREEING else OTHER)
+    return to_rgba(ALIKE if step.kind in {*AGREEING, Class.UNDECIDED} else OTHER)
 
 
 def _power(size: float) -> int:

@@ -23,13 +23,17 @@ LONGEST_WHY = 200
 NAMED, LISTED = 3, 6
 """Combinations that are named where there are more than a few, and how many are a few."""
 
+PLOT = re.compile(r"^!\\\[(sizes of the changes, release by release)\]\((behaviour-\d+\.svg)\)$", re.MULTILINE)
+"""A plot that lies beside the report, after the escaping of pictures."""
+
 NBSP = "\N{NO-BREAK SPACE}"
 
 
 def markdown(report: Report, template: str) -> str:
     """Fill the template (the text of `templates/report.md.j2`) and return the page."""
     page = strip_controls(fill(template, filters(), report=report))
-    return page.replace("![", "!\\[")  # it shows no picture, wherever one came from
+    page = page.replace("![", "!\\[")  # it shows no picture, wherever one came from
+    return PLOT.sub(r"![\1](\2)", page)  # but for our own plots
 
 
 def filters() -> dict[str, Callable[..., Any]]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
 import numpy as np
 import pytest
+import wheelhouse as fakes
 from commandline import Desk
 
 HEAD = """
@@ -137,3 +139,78 @@ def test_bisect_finds_the_release_that_behaves_otherwise(desk: Desk) -> None:
     assert (same.code, "the bad end 1.1: behaves the same, up to rounding" in same.out) == (1, True)
     unnamed = desk.run("bisect", cell, "--axis", "fake-swing", "--behaves")
     assert (unnamed.code, "name the end that behaves rightly with --good" in unnamed.err) == (2, True)
+
+
+def test_an_environment_whose_state_cannot_be_set_is_compared_in_seeded_runs(desk: Desk) -> None:
+    """Short runs from seeded resets pass over rounding, find more gravity, and the sentence says how it was seen."""
+    desk.matrix("hidden", SEED.replace("fake-swing", "fake-hidden").replace("fake_swing:Swing", "fake_hidden:Hidden"))
+    frozen = desk.run("freeze", "hidden.toml/py*_fake-hidden-1.0", "--out", "hidden.npz")
+    assert (frozen.code, frozen.out.partition(",")[0]) == (0, "fake_hidden:Hidden-v0: 300 states")
+    runs = [desk.run("freeze", f"hidden.toml/py*_fake-hidden-{one}", "--check", "hidden.npz") for one in ("1.1", "2.0")]
+    seen = "; its state cannot be set, so short runs from seeded resets were compared"
+    assert (runs[0].code, runs[0].out.strip()) == (
+        0,
+        f"fake_hidden:Hidden-v0: behaves the same, up to rounding{seen}",
+    )
+    assert (runs[1].code, " ".join(runs[1].out.split()).endswith(seen)) == (1, True)
+    assert runs[1].out.startswith("fake_hidden:Hidden-v0: behaves otherwise; the next state of the environment differs")
+
+
+PROJECT = """
+[build-system]
+requires = []
+build-backend = "_backend"
+backend-path = ["."]
+[project]
+name = "own-swing"
+version = "1.0"
+"""
+HOOKS = """
+import os
+def files(entries):
+    with open(os.path.join(os.path.dirname(os.path.abspath(__file__)), "own_swing.py")) as file:
+        entries["own_swing.py"] = file.read()
+    return entries
+"""
+OWN = """
+subject = "."
+axes = { python = ["host"] }
+index = { no_index = true, find_links = ["@WHEELS@"] }
+[[cases]]
+env = "own_swing:Swing-v0"
+api = "gymnasium"
+"""
+WORKFLOW = "simmatrix freeze matrices/own.toml/py* --check own.npz"
+"""The line of a workflow; the one before it installs simmatrix."""
+
+
+def test_a_planted_change_of_gravity_in_a_package_under_test_fails_its_ci(desk: Desk) -> None:
+    """The line of a workflow passes over code that changes nothing, and fails with a sentence for 0.1 % of gravity."""
+    code = (fakes.FAKES / "swing" / "fake_swing.py").read_text(encoding="utf-8").replace("@VERSION@", "1.0")
+    about = {
+        "name": "own-swing",
+        "version": "1.0",
+        "metadata": fakes.metadata("1.0", {"name": "own-swing", "requires": ["gymnasium"]}),
+    }
+    texts = {
+        "pyproject.toml": PROJECT,
+        "about.json": json.dumps(about),
+        "_backend.py": (fakes.FAKES / "_backend.py").read_text(encoding="utf-8"),
+        "build_hooks.py": HOOKS,
+        "own_swing.py": code,
+    }
+    for name, text in texts.items():
+        (desk.folder / name).write_text(text, encoding="utf-8")
+    (desk.folder / "matrices").mkdir()
+    desk.matrix("matrices/own", OWN)
+    frozen = desk.run("freeze", "matrices/own.toml/py*", "--out", "own.npz")
+    assert frozen.code == 0, frozen.err
+
+    (desk.folder / "own_swing.py").write_text(code + "\nUNUSED = 1\n", encoding="utf-8")
+    same = desk.run(*shlex.split(WORKFLOW)[1:])
+    assert (same.code, same.out.strip()) == (0, "own_swing:Swing-v0: behaves identically, to the bit")
+
+    (desk.folder / "own_swing.py").write_text(code.replace("9.81 * ", "9.81 * 1.001 * "), encoding="utf-8")
+    other = desk.run(*shlex.split(WORKFLOW)[1:])
+    assert other.code == 1
+    assert other.out.startswith("own_swing:Swing-v0: behaves otherwise; the next state of the environment differs in ")

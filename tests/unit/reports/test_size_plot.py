@@ -16,6 +16,7 @@ TABLE = FamilyTable(
     releases=("3.4.0", "3.5.0", "3.6.0"),
     steps={
         "Ant-v5": (None, ReleaseStep(kind=Class.CHANGED, size=2.5e-3), ALIKE),
+        "Swimmer-v5": (None, ReleaseStep(kind=Class.UNDECIDED, size=1e-9), ALIKE),
         "Hopper-v5": (None, ALIKE, ReleaseStep(kind=Class.IDENTICAL, starts_otherwise=True)),
     },
     picture="behaviour-1.svg",
@@ -25,7 +26,7 @@ TABLE = FamilyTable(
 def test_a_plot_names_environments_releases_and_sizes() -> None:
     """It is text that can be searched: each release, each environment, the power of ten, a dot for other starts."""
     text = size_plot.draw(TABLE).decode()
-    for word in ("Ant-v5", "Hopper-v5", "3.4.0", "3.6.0", "release by release of mujoco", ">-3<", "•"):
+    for word in ("Ant-v5", "Hopper-v5", "3.4.0", "3.6.0", "release by release of mujoco", ">-3<", "●", ">?<"):
         assert word in text, word
 
 
