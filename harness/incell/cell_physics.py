@@ -12,8 +12,8 @@ from .cell_sketch import Stages
 MUJOCO_STATE = ("qpos", "qvel", "act", "mocap_pos", "mocap_quat", "ctrl")
 """Arrays of mjData that are set, besides the time and the warm start."""
 
-EXACT_ITERATIONS = 100
-"""Times as many iterations of the solver, with tolerance 0, as the model asks for."""
+EXACT_ITERATIONS = (1, 3, 100)
+"""Times as many iterations of the solver, with tolerance 0, as the model asks for: more while they change a step."""
 
 
 def physics_of(env):
@@ -198,9 +198,9 @@ class MujocoPhysics:
         with library:
             self.mujoco.mj_step(self.model, self.data)
 
-    def exactly(self):
-        """Let the solver iterate until nothing changes, inside a `with` block."""
-        return _Exactly(self.model.opt)
+    def exactly(self, times):
+        """Let the solver iterate so many times as often as the model says, with tolerance 0, in a `with` block."""
+        return _Exactly(self.model.opt, times)
 
     def contacts(self):
         """Return the pairs of geometry numbers in contact, sorted, each as often as it has contacts."""
@@ -208,12 +208,13 @@ class MujocoPhysics:
 
 
 class _Exactly:
-    def __init__(self, option):
+    def __init__(self, option, times):
         self.option = option
+        self.times = times
 
     def __enter__(self):
         self.before = self.option.tolerance, self.option.iterations
-        self.option.tolerance, self.option.iterations = 0, self.before[1] * EXACT_ITERATIONS
+        self.option.tolerance, self.option.iterations = 0, self.before[1] * self.times
 
     def __exit__(self, *_error):
         self.option.tolerance, self.option.iterations = self.before
