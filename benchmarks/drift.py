@@ -102,8 +102,9 @@ def _page(rows: list[tuple[str, str, str]], releases: tuple[str, ...]) -> str:
     lines = [
         "# What behaviour costs",
         "",
-        f"Measured on {datetime.now(UTC):%Y-%m-%d} by `python -m benchmarks.drift`, on {facts.get('os')}, {os.cpu_count()} "
-        f"cores, {facts.get('memory_mb')} MB, Python {platform.python_version()}; MuJoCo {', '.join(releases)}. "
+        f"Measured on {datetime.now(UTC):%Y-%m-%d} by `python -m benchmarks.drift`, on {facts.get('os')}, "
+        f"{os.cpu_count()} cores, {facts.get('memory_mb')} MB, Python {platform.python_version()}; "
+        f"MuJoCo {', '.join(releases)}. "
         "Wheels were at hand.",
         "",
         "| what | measured | aim |",

@@ -41,15 +41,17 @@ class Stepper:
             rows.append(self._row(bank, number, keys, pairs))
         outputs = {name: np.array([row[name] for row in rows]) for name in rows[0]}
         repeated = [self._row(bank, number, keys, pairs) for number in reversed(range(min(REPEATED, len(rows))))]
-        same = all(
-            np.asarray(again[name]).tobytes() == outputs[name][number].tobytes()
+        unlike = {
+            name
             for number, again in zip(reversed(range(len(repeated))), repeated)
             for name in again
-        )
+            if np.asarray(again[name]).tobytes() != outputs[name][number].tobytes()
+        }
         return outputs, {
             "info": [list(names) for names in keys],
             "contacts": [["-".join(map(str, pair)) for pair in met] for met in pairs],
-            "repeats": bool(same),
+            "repeats": not unlike,
+            "unrepeated": sorted(unlike),
         }
 
     def fits(self, bank):

@@ -80,7 +80,8 @@ class Comparison:
     `kind` sums it up. `dynamics` is of the next state alone, `start` of the resets. `stage` is the first stage that
     differs, `start_of_stage` the step or inner stage at whose start it was read, `model` the physical arrays of the
     model that differ. `warm_start` is whether the next state differs only from the stored warm start. `seeded` is
-    whether no state can be set: then the states are those of short runs from seeded resets.
+    whether no state can be set: then the states are those of short runs from seeded resets. `unrepeated` are outputs
+    that depend on more than the state, and are left out.
     """
 
     kind: Class
@@ -92,6 +93,7 @@ class Comparison:
     model: tuple[str, ...] = ()
     warm_start: bool = False
     seeded: bool = False
+    unrepeated: tuple[str, ...] = ()
 
     @property
     def agrees(self) -> bool:
@@ -115,7 +117,8 @@ def compare(first: Outputs, second: Outputs, bank: Bank) -> Comparison:
     if not (first.steps_from_bank and second.steps_from_bank):
         kind = Class.OTHER_INTERFACE if first.facts.get("sizes") != second.facts.get("sizes") else Class.NOT_COMPARABLE
         return Comparison(kind=kind, dynamics=kind, start=_start(first, second))
-    if not (first.facts["repeats"] and second.facts["repeats"]):
+    unrepeated = _unrepeated(first) | _unrepeated(second)
+    if unrepeated & {"step", "state"} and ("step" in unrepeated or "step" not in first.arrays):
         kind = Class.NONDETERMINISTIC
         return Comparison(kind=kind, dynamics=kind, start=_start(first, second))
     start, seeded = _start(first, second), bank.facts.get("method") == "seeded"
@@ -125,6 +128,7 @@ def compare(first: Outputs, second: Outputs, bank: Bank) -> Comparison:
     differences = {name: _difference(name, first, second, bank) for name in names}
     differences["ended"] = _exact("ended", _texts(first.arrays["ended"]), _texts(second.arrays["ended"]))
     differences["info"] = _exact("info", first.entries("info"), second.entries("info"))
+    differences |= {name: _identical(name) for name in unrepeated if name in differences}
     if "stages" in first.arrays:
         differences["contacts"] = _exact("contacts", first.entries("contacts"), second.entries("contacts"))
     stage = _first_stage(first, second, bank) if "stages" in first.arrays else _NO_STAGE
@@ -140,7 +144,13 @@ def compare(first: Outputs, second: Outputs, bank: Bank) -> Comparison:
         model=_model(first, second),
         warm_start=warm_start,
         seeded=seeded,
+        unrepeated=tuple(sorted(unrepeated)),
     )
+
+
+def _unrepeated(outputs: Outputs) -> set[str]:
+    """Return the outputs that were others when the same states were stepped from once more."""
+    return set() if outputs.facts["repeats"] else {*outputs.facts.get("unrepeated", ("step", "state"))}
 
 
 def _sum_up(

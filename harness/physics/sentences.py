@@ -51,6 +51,8 @@ def describe(comparison: Comparison) -> str:
             parts.append(f"the model differs in {', '.join(comparison.model)}")
     if comparison.seeded:
         parts.append("its state cannot be set, so short runs from seeded resets were compared")
+    if comparison.unrepeated and comparison.kind is not Class.NONDETERMINISTIC:
+        parts.append(f"not compared, because it depends on more than the state: {', '.join(comparison.unrepeated)}")
     if comparison.start in STARTS:
         parts.append(f"it {KINDS[comparison.start]}")
     return "; ".join(parts)
