@@ -33,6 +33,11 @@ def is_version(text: str) -> bool:
     return True
 
 
+def _spelt_out(clause: Specifier) -> Specifier:
+    """Return a clause of `~=` with its version in the canonical form: 24.0 reads `~=1.0.pre3` as `==1.0.*`."""
+    return Specifier("~={}".format(version(clause.version))) if clause.operator == "~=" else clause
+
+
 class Specifiers:
     """Several clauses, all of which hold: `>=1.2,<2,!=1.5`. Raises ValueError."""
 
@@ -40,7 +45,7 @@ class Specifiers:
 
     def __init__(self, text: str) -> None:
         self.text = text
-        self.clauses: Tuple[Specifier, ...] = tuple(SpecifierSet(text))
+        self.clauses: Tuple[Specifier, ...] = tuple(map(_spelt_out, SpecifierSet(text)))
 
     def __bool__(self) -> bool:
         return bool(self.clauses)

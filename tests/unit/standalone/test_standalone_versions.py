@@ -91,6 +91,12 @@ def test_a_text_that_is_no_version_fits_only_where_it_is_named() -> None:
     assert Specifiers("").admits("any-thing")
 
 
+def test_a_prerelease_may_be_spelt_with_a_dot() -> None:
+    """`~=1.0.pre3` is `~=1.0rc3`, which admits every later 1."""
+    assert Specifiers("~=1.0.pre3").admits("1.17.0")
+    assert not Specifiers("~=1.0.pre3").admits("2.0")
+
+
 def test_prereleases_fit() -> None:
     """A prerelease that is installed is there, whatever an installer would have chosen."""
     assert Specifiers(">=1").admits("2.0rc1")
