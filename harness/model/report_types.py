@@ -79,7 +79,8 @@ class BehaviourEntry(msgspec.Struct, frozen=True, kw_only=True):
 
     `bank` is the SHA-256 of the states that it was stepped from, `reference` the cell before it on an axis. `classes`
     are those of `sum`, `dynamics`, `observation`, `reward`, `termination` and `start`; see `physics/comparison.py`.
-    `boundary` says what differs from the reference.
+    `boundary` says what differs from the reference. `coverage` is the share of the states in which the simulator's
+    solver had a row of a contact, a joint limit, an equality: what no state exercises was not compared.
     """
 
     bank: str
@@ -88,6 +89,7 @@ class BehaviourEntry(msgspec.Struct, frozen=True, kw_only=True):
     reference: str | None = None
     classes: dict[str, str] = {}
     boundary: str | None = None
+    coverage: dict[Literal["contact", "limit", "equality"], float] | msgspec.UnsetType = msgspec.UNSET
 
 
 class BoundaryEntry(msgspec.Struct, frozen=True, kw_only=True):

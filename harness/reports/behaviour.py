@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Literal
 
 import msgspec
 
@@ -47,6 +48,9 @@ def add(document: Document, records: Iterable[CellRecord], plans: Sequence[Plan]
 
     cells = tuple(replace(cell, cases=tuple(case(cell, one) for one in cell.cases)) for cell in document.cells)
     return replace(document, cells=cells, boundaries=tuple(comparison) or msgspec.UNSET)
+
+
+Exercised = Literal["contact", "limit", "equality"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +122,8 @@ class _Task:
                 BehaviourEntry(
                     bank=by_cell[cell].bank,
                     family=letters[cell],
+                    method="seeded" if self._load(by_cell[cell].outputs).facts.get("method") == "seeded" else "states",
+                    coverage=_coverage(self._load(by_cell[cell].outputs)),
                     reference=reference,
                     classes=_classes(comparison) if comparison else {},
                     boundary=sentence,
@@ -193,6 +199,15 @@ class _Task:
             arrays = array_files.decode(self.vault.content(case_run.bank, MOST_FILE))
             self._banks[case_run.bank] = Bank.of(arrays, array_files.facts(arrays))
         return self._banks[case_run.bank]
+
+
+def _coverage(outputs: Outputs) -> dict[Exercised, float] | msgspec.UnsetType:
+    """Return the share of the states in which each kind of constraint had a row in the solver."""
+    if "rows" not in outputs.arrays:
+        return msgspec.UNSET
+    shares = (outputs.arrays["rows"] > 0).mean(axis=0)
+    kinds: tuple[Exercised, ...] = ("equality", "limit", "contact")
+    return {kind: round(float(share), 3) for kind, share in zip(kinds, shares, strict=True)}
 
 
 def _classes(comparison: Comparison) -> dict[str, str]:

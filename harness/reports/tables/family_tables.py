@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Literal, TypeVar
 
 from harness.model.report_types import BoundaryEntry, CellEntry
 from harness.physics.comparison import STARTS
@@ -12,6 +13,12 @@ from harness.physics.families import release_order
 
 ABSENT = "-"
 """The mark of an environment that was not measured with a release."""
+
+
+EXERCISED: tuple[Literal["contact", "limit", "equality"], ...] = ("contact", "limit", "equality")
+"""Constraints that a state may exercise."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -33,7 +40,7 @@ class FamilyTable:
     `columns` are ranges of releases, `rows` are environments with their family in each range: a letter, `-` where it
     was not measured, several letters where the range has several. `steps` are the environments with a step for each of
     `releases`: None for the first that was measured, and for those that were not. `picture` is a plot of them, a file
-    beside the report.
+    beside the report. `coverage` has environments with the shares of `EXERCISED`.
     """
 
     axis: str
@@ -45,6 +52,7 @@ class FamilyTable:
     tasks: int
     releases: tuple[str, ...]
     steps: Mapping[str, tuple[ReleaseStep | None, ...]]
+    coverage: tuple[tuple[str, tuple[float, ...]], ...]
     picture: str
 
     @property
@@ -122,8 +130,17 @@ def _table(
         tasks=len(envs),
         releases=tuple(releases),
         steps={env: tuple(_step(cell, env, sizes.get((axis, cell.id, env))) for cell in by_release) for env in envs},
+        coverage=_coverage(by_release, envs),
         picture="",
     )
+
+
+def _coverage(cells: Iterable[CellEntry], envs: Iterable[str]) -> tuple[tuple[str, tuple[float, ...]], ...]:
+    """Return the shares of states of each environment, as the first release has them that was measured with it."""
+    entries = [(case.env or case.case, case.behaviour) for cell in cells for case in cell.cases if case.behaviour]
+    first = {env: entry.coverage for env, entry in reversed(entries) if entry and entry.coverage}
+    shares = {env: tuple(first[env].get(kind, 0.0) for kind in EXERCISED) for env in envs if env in first}
+    return _joined(shares)
 
 
 def _step(cell: CellEntry, env: str, boundary: BoundaryEntry | None) -> ReleaseStep | None:
@@ -135,15 +152,15 @@ def _step(cell: CellEntry, env: str, boundary: BoundaryEntry | None) -> ReleaseS
     return ReleaseStep(kind=boundary.kind, size=boundary.median, starts_otherwise=boundary.start in STARTS)
 
 
-def _joined(rows: dict[str, tuple[str, ...]]) -> tuple[tuple[str, tuple[str, ...]], ...]:
-    """Return the rows, versions of one environment that have the same letters in one: `Ant-v4, v5`."""
-    groups: dict[tuple[str, tuple[str, ...]], list[str]] = {}
-    for env, letters in sorted(rows.items()):
+def _joined(rows: Mapping[str, tuple[T, ...]]) -> tuple[tuple[str, tuple[T, ...]], ...]:
+    """Return the rows, versions of one environment that have the same values in one: `Ant-v4, v5`."""
+    groups: dict[tuple[str, tuple[T, ...]], list[str]] = {}
+    for env, values in sorted(rows.items()):
         stem, _, version = env.rpartition("-v")
-        groups.setdefault((stem, letters), []).append(version if stem else env)
+        groups.setdefault((stem, values), []).append(version if stem else env)
     return tuple(
-        (f"{stem}-v{', v'.join(versions)}" if stem else versions[0], letters)
-        for (stem, letters), versions in groups.items()
+        (f"{stem}-v{', v'.join(versions)}" if stem else versions[0], values)
+        for (stem, values), versions in groups.items()
     )
 
 

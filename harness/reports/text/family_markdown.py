@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from harness.reports.tables.family_tables import FamilyTable
+from harness.physics.sentences import percent
+from harness.reports.tables.family_tables import EXERCISED, FamilyTable
 from harness.reports.text.markdown_texts import table_cell
+
+NAMES = {"contact": "in contact", "limit": "at a joint limit", "equality": "with an equality"}
 
 
 def family_table(table: FamilyTable) -> str:
@@ -11,6 +14,14 @@ def family_table(table: FamilyTable) -> str:
     head = [f"environment / {table.axis}", *table.columns]
     rows = [[env, *letters] for env, letters in table.rows]
     lines = [head, ["---", *(":-:" for _ in table.columns)], *rows]
+    return "".join(f"| {' | '.join(table_cell(cell) for cell in line)} |\n" for line in lines)
+
+
+def coverage_table(table: FamilyTable) -> str:
+    """Return a table of the shares of states that exercise each kind of constraint."""
+    head = ["environment", *(NAMES[kind] for kind in EXERCISED)]
+    rows = [[env, *map(percent, shares)] for env, shares in table.coverage]
+    lines = [head, ["---", *("--:" for _ in EXERCISED)], *rows]
     return "".join(f"| {' | '.join(table_cell(cell) for cell in line)} |\n" for line in lines)
 
 

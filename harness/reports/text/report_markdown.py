@@ -50,6 +50,7 @@ def filters() -> dict[str, Callable[..., Any]]:
         "coverage": coverage,
         "files": _files,
         "family_legend": family_markdown.family_legend,
+        "coverage_table": family_markdown.coverage_table,
         "family_table": family_markdown.family_table,
         "few": _few,
         "first_sentence": first_sentence,
