@@ -18,7 +18,13 @@ SMALLEST = -12
 ALIKE, OTHER, UNMEASURED = "#eeeeee", "#444444", "#ffffff"
 """Colours of releases that behave like the one before them, that differ in no size, and that were not measured."""
 
-SETTINGS: Any = {"svg.hashsalt": "simmatrix", "svg.fonttype": "none", "font.size": 7, "font.family": "sans-serif"}
+SETTINGS: Any = {
+    "svg.hashsalt": "simmatrix",
+    "svg.fonttype": "none",
+    "text.parse_math": False,  # a dollar in a name is one
+    "font.size": 7,
+    "font.family": "sans-serif",
+}
 WIDTH, HEIGHT = 0.2, 0.19
 """Inches of a square."""
 

@@ -1,5 +1,7 @@
 """Plots of changes in behaviour over releases."""
 
+from dataclasses import replace
+
 from harness.physics.comparison import Class
 from harness.reports import size_plot
 from harness.reports.tables.family_tables import FamilyTable, ReleaseStep
@@ -33,3 +35,9 @@ def test_a_plot_names_environments_releases_and_sizes() -> None:
 def test_a_plot_is_the_same_bytes_each_time() -> None:
     """No date and no random name is in it."""
     assert size_plot.draw(TABLE) == size_plot.draw(TABLE)
+
+
+def test_a_name_is_text_whatever_it_holds() -> None:
+    """It is neither a formula nor markup."""
+    odd = replace(TABLE, steps={"$a_$<b>": (None, ALIKE, ALIKE)})
+    assert "$a_$&lt;b&gt;" in size_plot.draw(odd).decode()
