@@ -21,6 +21,7 @@ TABLE = FamilyTable(
         "Swimmer-v5": (None, ReleaseStep(kind=Class.UNDECIDED, size=1e-9), ALIKE),
         "Hopper-v5": (None, ALIKE, ReleaseStep(kind=Class.IDENTICAL, starts_otherwise=True)),
     },
+    coverage=(),
     picture="behaviour-1.svg",
 )
 
