@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from harness.model.report_types import Document
 from harness.reports import document
 from harness.reports.tables import family_tables
 
@@ -35,15 +36,21 @@ def _lines(thread: dict[str, Any]) -> Iterator[str]:
     boundaries = [one for one in report.boundaries or () if (one.axis, one.before, one.after) == wanted]
     yield f"## [{thread['thread'].partition('github.com/')[2]}]({thread['thread']})\n"
     yield f"The thread: {thread['says']}.\n"
-    envs = {case.env for cell in report.cells for case in cell.cases if case.behaviour}
+    sides = [_stepped(report, thread["axis"], thread[side]) for side in ("before", "after")]
     report_link = f"[{thread['report']}](../reports/{thread['report']}/report.md)"
     yield f"Measured in {report_link}, {thread['before']} to {thread['after']}:\n"
     for change in family_tables.changes(boundaries):
         yield from (f"- {env}: {text}." for env, text in change.lines)
-    others = sorted(str(env) for env in envs - {one.env for one in boundaries})
+    others = sorted((sides[0] & sides[1]) - {str(one.env) for one in boundaries})
     if others:
         yield f"- no difference beyond rounding: {', '.join(others)}."
     yield ""
+
+
+def _stepped(report: Document, axis: str, release: str) -> set[str]:
+    """Return the environments that a release was stepped from states in."""
+    cells = [cell for cell in report.cells if cell.axes.get(axis) == release]
+    return {str(case.env) for cell in cells for case in cell.cases if case.behaviour}
 
 
 if __name__ == "__main__":

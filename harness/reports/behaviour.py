@@ -173,7 +173,7 @@ class _Task:
             moved=dict(boundary.others),
             between=boundary.between,
             text=sentences.describe(comparison),
-            changelog=changelogs.look_up(boundary.package, (*boundary.between, boundary.after)),
+            changelog=changelogs.look_up_moved(boundary.axis, (*boundary.between, boundary.after), boundary.moved),
         )
 
     def _compare(self, case_run: _Measured, neighbour: _Measured) -> Comparison:

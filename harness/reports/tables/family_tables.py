@@ -156,11 +156,10 @@ def _joined(rows: Mapping[str, tuple[T, ...]]) -> tuple[tuple[str, tuple[T, ...]
     """Return the rows, versions of one environment that have the same values in one: `Ant-v4, v5`."""
     groups: dict[tuple[str, tuple[T, ...]], list[str]] = {}
     for env, values in sorted(rows.items()):
-        stem, _, version = env.rpartition("-v")
-        groups.setdefault((stem, values), []).append(version if stem else env)
+        stem, dash, version = env.rpartition("-v")
+        groups.setdefault((stem if dash else env, values), []).extend([version] if dash else [])
     return tuple(
-        (f"{stem}-v{', v'.join(versions)}" if stem else versions[0], values)
-        for (stem, values), versions in groups.items()
+        (f"{stem}-v{', v'.join(versions)}" if versions else stem, values) for (stem, values), versions in groups.items()
     )
 
 

@@ -28,9 +28,19 @@ def test_the_changelog_of_a_package_without_a_file_was_not_read() -> None:
     assert changelogs.look_up("no-such-package", ("1.0",)) == "The changelog of no-such-package was not read."
 
 
+def test_packages_that_moved_with_a_release_have_their_say() -> None:
+    """Where the axis has no changelog of its own, that of what moved with it is read."""
+    moved = {"dm-control": ("1.0.31", "1.0.36"), "mujoco": ("3.3.3", "3.4.0"), "zipp": ("1", "2")}
+    said = changelogs.look_up_moved("release", ("dm-control-1.0.36",), moved)
+    assert said == "The changelog of mujoco 3.4.0 says: Fixed a bug in the box-box distance computation."
+    alone = changelogs.look_up_moved("release", ("dm-control-1.0.36",), {"dm-control": ("1.0.31", "1.0.36")})
+    assert alone == "The changelog of dm-control was not read."
+
+
 def test_a_release_may_name_its_package() -> None:
     """An axis of several packages has releases such as `mujoco-3.0.0`."""
-    assert changelogs.look_up("mujoco", ("mujoco-3.0.0",)) == changelogs.look_up("mujoco", ("3.0.0",))
+    plain = changelogs.look_up("mujoco", ("3.0.0",))
+    assert changelogs.look_up("mujoco", ("mujoco-3.0.0",)) == plain.replace("of 3.0.0", "of mujoco-3.0.0")
 
 
 def test_the_committed_changelogs_can_be_read() -> None:

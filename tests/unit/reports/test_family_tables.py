@@ -37,6 +37,24 @@ def test_releases_that_behave_alike_share_a_column() -> None:
     assert "| Ant-v5 | 50% | 25% | 0% |\n" in family_markdown.coverage_table(table)
 
 
+def test_every_environment_has_a_row() -> None:
+    """Versions of one that behave alike share it; environments without a version never do."""
+    names = ("Ant-v4", "Ant-v5", "robosuite:Lift", "robosuite:Stack")
+
+    def with_cases(release: str, reference: str | None) -> CellEntry:
+        made = behaving(release, reference)
+        (only,) = made.cases
+        return msgspec.structs.replace(
+            made, cases=tuple(msgspec.structs.replace(only, case=name, env=name) for name in names)
+        )
+
+    (table,) = family_tables.tables(
+        [with_cases("3.2.0", None), with_cases("3.9.0", "quick/mujoco-3.2.0")], ("python", "mujoco")
+    )
+    assert [env for env, _ in table.rows] == ["Ant-v4, v5", "robosuite:Lift", "robosuite:Stack"]
+    assert [env for env, _ in table.coverage] == ["Ant-v4, v5", "robosuite:Lift", "robosuite:Stack"]
+
+
 def test_an_axis_of_two_packages_is_called_after_both() -> None:
     """The values name them: `gym-0.26.2`, `gymnasium-1.0.0`; a boundary's title has no axis before it."""
     cells = [behaving("gymnasium-1.0.0", axis="release"), behaving("gym-0.26.2", axis="release")]
