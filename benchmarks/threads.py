@@ -13,7 +13,7 @@ from harness.reports import document
 from harness.reports.tables import family_tables
 
 HERE = Path(__file__).parent
-HEAD = """# Threads beside measurements
+HEAD = """# Threads, and what we measured
 
 Made by `python -m benchmarks.threads` from `threads.toml` and the committed reports. What a thread says is its own.
 Below it stands what each environment of a report does from the same states.

@@ -29,7 +29,7 @@ def test_the_changelog_of_a_package_without_a_file_was_not_read() -> None:
 
 
 def test_packages_that_moved_with_a_release_have_their_say() -> None:
-    """Where the axis has no changelog of its own, that of what moved with it is read."""
+    """The changelog of another package that moved is read, if the axis has none of its own."""
     moved = {"dm-control": ("1.0.31", "1.0.36"), "mujoco": ("3.3.3", "3.4.0"), "zipp": ("1", "2")}
     said = changelogs.look_up_moved("release", ("dm-control-1.0.36",), moved)
     assert said == "The changelog of mujoco 3.4.0 says: Fixed a bug in the box-box distance computation."
