@@ -62,9 +62,9 @@ def _measure(folder: Path, releases: tuple[str, ...]) -> list[tuple[str, str, st
     judging = _time("report", "--judge-again", ROOT / "reports" / "drift-mujoco")
     compared = min(_time(*pair, **state) for _ in range(3))
     checked = _time("freeze", cells[1], "--env", TASK, "--check", frozen, HARNESS_STATE=str(folder / "third"))
-    one = folder / "one.toml"
-    one.write_text(_small_matrix(releases[-1:], TASK).replace('"single.loop", "behave"', ""), encoding="utf-8")
-    bare_check = _time("run", one, "--fresh", HARNESS_STATE=str(folder / "third"))
+    only = folder / "only.toml"
+    only.write_text(_small_matrix(releases[-1:], TASK).replace('"single.loop", "behave"', ""), encoding="utf-8")
+    bare_check = _time("run", only, "--fresh", HARNESS_STATE=str(folder / "third"))
     return [
         (f"eleven tasks, {len(releases)} releases, two cells at a time", f"{stepping:.0f} s", ""),
         (f"the same for {ALL} releases, as a multiple", f"{seconds / 60:.1f} min", "10 min"),

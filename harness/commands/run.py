@@ -105,9 +105,7 @@ def _run_remedies(
     tell(f"{format_count(len(cells), 'red cell')} to be run again, each with the remedy of a known failure")
     with progress.Progress(len(cells), settings.jobs, publishing.headline) as board:
         more = scheduler.run(cells, opened, settings, board)
-    return [
-        remedy_trials.add_trials(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans
-    ], more
+    return [remedy_trials.add(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
 
 
 def _run_repairs(
@@ -119,9 +117,7 @@ def _run_repairs(
     with progress.Progress(0, 1, publishing.headline) as board:
         more = repair.repair_all(records, opened, settings, board)
     cells = [record.cell for record in more]
-    return [
-        remedy_trials.add_trials(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans
-    ], more
+    return [remedy_trials.add(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
 
 
 def _of(plan: Plan, records: Sequence[CellRecord]) -> list[CellRecord]:

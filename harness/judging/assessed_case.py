@@ -35,7 +35,7 @@ class AssessedCase:
     @property
     def misleading(self) -> tuple[CheckRecord, ...]:
         """Return the checks by which the case contradicts its own specification."""
-        return misleading.misleading_checks(self.checks)
+        return misleading.find(self.checks)
 
     @property
     def misleads(self) -> tuple[str, ...]:

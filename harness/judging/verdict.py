@@ -115,7 +115,7 @@ def _judge_installed(cases: Sequence[Sequence[PhaseRecord]], suite: PhaseRecord 
         for outcome in (Outcome.PASSED, Outcome.FAILED)
     )
     if Verdict.IMPORT_FAILS not in {best, poorest} and any(
-        misleading.misleading_checks(phase.checks) for case in cases for phase in case
+        misleading.find(phase.checks) for case in cases for phase in case
     ):
         return Verdict.MISLEADS
     return best if best is poorest else Verdict.INCONCLUSIVE
@@ -193,9 +193,7 @@ def _deciding(verdict: Verdict) -> frozenset[Outcome]:
 
 def _find_contradiction(cases: Iterable[Iterable[PhaseRecord]]) -> tuple[Phase, str | None]:
     """Return the first phase, and in it the first case, in which a case contradicts its own specification."""
-    contradictions = (
-        (phase, check) for case in cases for phase in case for check in misleading.misleading_checks(phase.checks)
-    )
+    contradictions = ((phase, check) for case in cases for phase in case for check in misleading.find(phase.checks))
     phase, check = min(contradictions, key=lambda pair: CASE_PHASES.index(pair[0].phase))
     return phase.phase, check.decisive
 

@@ -57,9 +57,7 @@ def _question(question: Question, change: Change, recipes: Mapping[str, tuple[Re
     names = tuple(dict.fromkeys((*(one.name for one in question.overlay), *change.overlay)))
     if not names:
         return changed
-    return replace(
-        changed, overlay=overlay_recipes.fitting_recipes(overlay_recipes.find_repairs(recipes, names), changed)
-    )
+    return replace(changed, overlay=overlay_recipes.select(overlay_recipes.find_repairs(recipes, names), changed))
 
 
 def _names(requirements: Iterable[str]) -> set[str]:

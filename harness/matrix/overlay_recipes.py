@@ -111,7 +111,7 @@ def _check_origin(release: ReleaseTable, table: RecipeTable) -> None:
         raise ValueError(message)
 
 
-def fitting_recipes(repairs: Iterable[Repair], question: Question) -> tuple[Repair, ...]:
+def select(repairs: Iterable[Repair], question: Question) -> tuple[Repair, ...]:
     """Return the repairs of releases that a question may resolve to: allowed by its bounds, and uploaded in time."""
     lines = (*question.requirements, *question.constraints)
     # An override replaces every other bound on its package, and so it does here.

@@ -52,7 +52,7 @@ def _apply_remedy(cell: Cell, signature: Signature, change: Change, recipes: Rec
     return replace(trial, id=name, base=cell.id, tried=tried, expect=None)
 
 
-def add_trials(plan: Plan, more: Iterable[Cell]) -> Plan:
+def add(plan: Plan, more: Iterable[Cell]) -> Plan:
     """Return the plan with these cells of its matrix, each behind the cell that it was made of."""
     by_base: dict[str, list[Cell]] = {}
     for cell in more:

@@ -155,7 +155,7 @@ def is_expected(expect: Expectation | None, at: PhaseResult, today: str) -> bool
 
 def _convert_phase(record: PhaseRecord) -> PhaseResult:
     """Return a phase as its item reports it. A phase that passed but misleads counts as failed."""
-    shown = misleading.misleading_checks(record.checks) if record.outcome is Outcome.PASSED else ()
+    shown = misleading.find(record.checks) if record.outcome is Outcome.PASSED else ()
     reasons = tuple(check.decisive for check in shown)
     why = reasons[0] if reasons else reason(record)
     line = f"misleads: {why}" if reasons else why

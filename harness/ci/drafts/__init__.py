@@ -11,19 +11,6 @@ from harness.ci.drafts.suite import SuiteDraft, draft_suite, runtime
 from harness.ci.drafts.workflow import of_legs
 
 __all__ = [
-    "Case",
-    "Draft",
-    "Project",
-    "Range",
-    "SuiteDraft",
-    "candidates",
-    "draft_suite",
-    "environment_ids",
-    "matrix_folder",
-    "of_legs",
-    "of_project",
-    "read_project",
-    "runtime",
-    "text_of",
-    "values",
-]
+    "Case", "Draft", "Project", "Range", "SuiteDraft", "candidates", "draft_suite", "environment_ids",
+    "matrix_folder", "of_legs", "of_project", "read_project", "runtime", "text_of", "values",
+]  # fmt: skip

@@ -22,6 +22,6 @@ def deciding_checks(checks: Iterable[CheckRecord]) -> tuple[CheckRecord, ...]:
     return tuple(check for check in checks if check.check not in MISLEADING or check.outcome in COUNTING)
 
 
-def misleading_checks(checks: Iterable[CheckRecord]) -> tuple[CheckRecord, ...]:
+def find(checks: Iterable[CheckRecord]) -> tuple[CheckRecord, ...]:
     """Return the checks by which a case contradicts its own specification."""
     return tuple(check for check in checks if check.check in MISLEADING and check.outcome in SHOWING)

@@ -209,7 +209,7 @@ class Contents:
         with locate_errors(self.matrix.path, "overlay"):
             return replace(
                 question,
-                overlay=overlay_recipes.fitting_recipes(overlay_recipes.find_repairs(self.recipes, names), question),
+                overlay=overlay_recipes.select(overlay_recipes.find_repairs(self.recipes, names), question),
             )
 
     def _surroundings(self, combination: Combination) -> dict[str, Any]:

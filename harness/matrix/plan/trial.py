@@ -118,7 +118,7 @@ def _question(options: TrialOptions) -> Question:
     )
     if options.prerelease:
         question = replace(question, prerelease=options.prerelease)
-    return replace(question, overlay=overlay_recipes.fitting_recipes(options.overlay, question))
+    return replace(question, overlay=overlay_recipes.select(options.overlay, question))
 
 
 def _canonicalize(kind: type[Word], texts: Iterable[str], option: str) -> tuple[str, ...]:

@@ -3,6 +3,6 @@
 A line that cannot be modelled is named by file and line in `Inputs.not_modelled`; one that is wrong is BadInput.
 """
 
-from harness.packages.requirement_files.requirement_entries import Inputs
+from harness.packages.requirement_files.entry import Inputs
 
 __all__ = ["Inputs", "inputs", "project", "yaml_texts"]

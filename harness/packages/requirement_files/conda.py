@@ -11,8 +11,8 @@ from packaging.specifiers import InvalidSpecifier
 
 from harness.model import requirement_texts
 from harness.model.errors import BadInput
+from harness.packages.requirement_files.entry import Inputs, Parsed, Source, check_number
 from harness.packages.requirement_files.pip import read_lines
-from harness.packages.requirement_files.requirement_entries import Inputs, Parsed, Source, check_number
 from harness.packages.requirement_files.yaml_texts import readable_yaml
 
 

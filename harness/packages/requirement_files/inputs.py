@@ -19,7 +19,7 @@ from harness.machine.files import given_files
 from harness.model import schema
 from harness.model.errors import BadInput
 from harness.packages.requirement_files import pip, project, pylock
-from harness.packages.requirement_files.requirement_entries import Include, Inputs, Parsed, Source
+from harness.packages.requirement_files.entry import Include, Inputs, Parsed, Source
 
 FOREIGN = {"setup.py", "setup.cfg", "Pipfile", "Pipfile.lock", "poetry.lock", "uv.lock", "conda-lock.yml"}
 """Formats that people have and that are not read."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 from harness.model import IndexSettings
 from harness.model.errors import BadInput
-from harness.packages.requirement_files.requirement_entries import (
+from harness.packages.requirement_files.entry import (
     Include,
     Inputs,
     Parsed,

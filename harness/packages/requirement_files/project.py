@@ -13,15 +13,7 @@ from packaging.utils import canonicalize_name
 
 from harness.model import IndexSettings, requirement_texts, schema
 from harness.model.errors import BadInput
-from harness.packages.requirement_files.requirement_entries import (
-    Inputs,
-    Parsed,
-    Source,
-    check_number,
-    quoted_pattern,
-    requirement,
-    where_in,
-)
+from harness.packages.requirement_files.entry import Inputs, Parsed, Source, check_number, quote, requirement, where_in
 
 
 class _Table(msgspec.Struct, frozen=True, kw_only=True, rename="kebab"):
@@ -107,7 +99,7 @@ def pyproject(text: str, source: Source, extras: Iterable[str], groups: Iterable
     wanted += _grouped(document.dependency_groups, groups, source)
     check_number(len(wanted), source)
     for line in dict.fromkeys(wanted):
-        inputs += requirement(line, source, where_in(text, quoted_pattern(line), source))
+        inputs += requirement(line, source, where_in(text, quote(line), source))
     inputs += _resolution(document.tool.uv)
     group_names = tuple(canonicalize_name(name) for name in document.dependency_groups)
     return Parsed(inputs=inputs, extras=tuple(optional), groups=group_names)
@@ -146,7 +138,7 @@ def _with_extras(project: str, optional: Mapping[Any, Sequence[str]], extras: It
 def _unread(text: str, source: Source, document: _Document) -> Iterator[str]:
     for name in document.project.dynamic:
         if name in {"dependencies", "optional-dependencies", "requires-python"}:
-            where = where_in(text, rf"(?s)dynamic\s*=.*?{quoted_pattern(name)}", source)
+            where = where_in(text, rf"(?s)dynamic\s*=.*?{quote(name)}", source)
             yield f"{where}: {name} is dynamic: only a build of the project tells it"
     if document.tool.poetry.dependencies:
         where = where_in(text, r"tool\.poetry\.dependencies", source)
@@ -156,7 +148,7 @@ def _unread(text: str, source: Source, document: _Document) -> Iterator[str]:
         yield f"{where}: tool.uv.sources.{name}: sources are not modelled; {name} is taken from the indexes"
     for index in document.tool.uv.index:
         if index.explicit:
-            where = where_in(text, quoted_pattern(index.url), source)
+            where = where_in(text, quote(index.url), source)
             yield f"{where}: {index.url}: an explicit index is not modelled"
 
 

@@ -10,15 +10,7 @@ from packaging.pylock import Package, Pylock, PylockValidationError
 
 from harness.model import schema
 from harness.model.errors import BadInput
-from harness.packages.requirement_files.requirement_entries import (
-    Inputs,
-    Parsed,
-    Source,
-    check_number,
-    quoted_pattern,
-    requirement,
-    where_in,
-)
+from harness.packages.requirement_files.entry import Inputs, Parsed, Source, check_number, quote, requirement, where_in
 
 
 def pylock(text: str, source: Source, extras: Iterable[str], groups: Iterable[str]) -> Parsed:
@@ -36,7 +28,7 @@ def pylock(text: str, source: Source, extras: Iterable[str], groups: Iterable[st
     )
     check_number(len(lock.packages), source)
     for package in lock.packages:
-        where = where_in(text, rf"name\s*=\s*{quoted_pattern(package.name)}", source)
+        where = where_in(text, rf"name\s*=\s*{quote(package.name)}", source)
         inputs += _locked(package, chosen, source, where)
     return Parsed(inputs=inputs, extras=tuple(lock.extras or ()), groups=tuple(lock.dependency_groups or ()))
 

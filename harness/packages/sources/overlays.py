@@ -142,7 +142,7 @@ def _builder(repair: Repair) -> Interpreter | None:
 def _add_find_links(question: Question, *, offline: bool) -> Question:
     """Return the question with the folders of its repaired wheels among its find-links. Raises StepFailed."""
     links = []
-    for repair in overlay_recipes.fitting_recipes(question.overlay, question):
+    for repair in overlay_recipes.select(question.overlay, question):
         try:
             path = wheel(repair, question.index, offline=offline)
         except index.UnknownPackage:

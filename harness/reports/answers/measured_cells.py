@@ -182,14 +182,10 @@ def find_fitting(cells: Iterable[CellResult], query: Query) -> list[CellResult]:
 
 def find_good(cells: Iterable[CellResult], query: Query) -> list[CellResult]:
     """Return the fitting cells that ran every package asked for, work, and passed the needed phases."""
-    return [
-        one
-        for one in find_fitting(cells, query)
-        if ran_package(one, query) and works(one, query) and phases_passed(one, query)
-    ]
+    return [one for one in find_fitting(cells, query) if ran(one, query) and works(one, query) and passes(one, query)]
 
 
-def ran_package(result: CellResult, query: Query) -> bool:
+def ran(result: CellResult, query: Query) -> bool:
     """Return whether a case ran each package that was asked for."""
     return all(name in result.exercised for name in query.names)
 
@@ -222,7 +218,7 @@ def _is(case: CaseEntry, env: str) -> bool:
     return env == case.env or env == (case.env or "").partition(":")[2]
 
 
-def phases_passed(result: CellResult, query: Query) -> bool:
+def passes(result: CellResult, query: Query) -> bool:
     """Return whether all needed phases passed, in the environment asked for if there is one."""
     cases = [case.phases for case in result.cell.cases if query.env and _is(case, query.env)]
     return all(phases.get(phase) is Outcome.PASSED for phases in cases or [result.cell.phases] for phase in query.needs)

@@ -14,8 +14,8 @@ from harness.reports.answers.measured_cells import (
     Query,
     case_works,
     find_fitting,
-    phases_passed,
-    ran_package,
+    passes,
+    ran,
     some_work,
 )
 from harness.reports.answers.never_together import Apart, find_apart, installed_releases
@@ -99,8 +99,8 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
 
 def _doubtful(cells: Sequence[CellResult], query: Query, combinations: Sequence[Combination]) -> list[Combination]:
     """Return combinations that work with a silent known issue left open, unless a plainly good one is newer."""
-    fits = [one for one in find_fitting(cells, query) if ran_package(one, query) and one.cell.verdict is Verdict.WORKS]
-    open_ = [one for one in fits if phases_passed(one, query) and one.cell.doubts]
+    fits = [one for one in find_fitting(cells, query) if ran(one, query) and one.cell.verdict is Verdict.WORKS]
+    open_ = [one for one in fits if passes(one, query) and one.cell.doubts]
     candidates = recommending.merge_results(open_, query)
     best = max((recommending.newness(one.versions.values()) for one in combinations), default=())
     return [one for one in candidates if recommending.newness(one.versions.values()) >= best]
@@ -111,7 +111,7 @@ def _partly(cells: Sequence[CellResult], query: Query) -> list[Partly]:
     fits = [
         one
         for one in find_fitting(cells, query)
-        if ran_package(one, query) and one.cell.verdict in {Verdict.PARTIAL, Verdict.MISLEADS}
+        if ran(one, query) and one.cell.verdict in {Verdict.PARTIAL, Verdict.MISLEADS}
     ]
     fits = [one for one in fits if some_work(one)]
     entries = []

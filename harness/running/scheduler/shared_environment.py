@@ -94,7 +94,7 @@ class Pool:
         with self.shop.once.turn(("environment", self.key)):
             if self.key not in self.shop.environments:
                 self.shop.observer.step(self.cell, Phase.INSTALL)
-                ensured = make_environment(self._ensured, self.shop)
+                ensured = obtain(self._ensured, self.shop)
                 # An earlier case may have poisoned what numba and Warp compiled (docs/threat-model.md).
                 if self.shop.settings.verify or self.shop.settings.fresh:
                     bytecode.forget(code_folder(ensured))
@@ -115,7 +115,7 @@ class Pool:
         )
 
 
-def make_environment(make: Callable[[], Environment], shop: Workshop) -> Environment:
+def obtain(make: Callable[[], Environment], shop: Workshop) -> Environment:
     """Make an environment; with `verify` also check every file of it, and make it anew if need be.
 
     Raises StepFailed.

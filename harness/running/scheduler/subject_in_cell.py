@@ -33,7 +33,7 @@ from harness.probes.evidence import Host, Request
 from harness.probes.vault import Vault
 from harness.running import own_suites
 from harness.running.scheduler.settings import Workshop
-from harness.running.scheduler.shared_environment import Pool, is_outdated, make_environment, mark_system
+from harness.running.scheduler.shared_environment import Pool, is_outdated, mark_system, obtain
 from harness.running.scheduler.steps import Steps, pending
 
 
@@ -112,9 +112,7 @@ def on_top(shop: Workshop, pool: Pool, tested: SubjectWheel) -> Environment:
     key = digest("on top", base.key, tested.tested.content)
     with shop.once.turn(("environment", key)):
         if key not in shop.environments:
-            environment = make_environment(
-                lambda: environments.ensure_layer(base, tested.wheel, pool.interpreter), shop
-            )
+            environment = obtain(lambda: environments.ensure_layer(base, tested.wheel, pool.interpreter), shop)
             shop.environments[key] = environment
     return shop.environments[key]
 

@@ -6,8 +6,8 @@ import pytest
 
 from harness.model import IndexSettings
 from harness.model.errors import BadInput
+from harness.packages.requirement_files.entry import Inputs
 from harness.packages.requirement_files.inputs import read
-from harness.packages.requirement_files.requirement_entries import Inputs
 
 
 @pytest.fixture(autouse=True)

@@ -178,7 +178,7 @@ class TestFitting:
     )
     def test_bounds_and_the_cutoff_leave_some_out(self, question: Question, versions: list[str]) -> None:
         """An override takes the place of a requirement, and a conditional one says nothing."""
-        assert [one.version for one in overlay_recipes.fitting_recipes(read(), question)] == versions
+        assert [one.version for one in overlay_recipes.select(read(), question)] == versions
 
     def test_used_are_those_whose_wheel_is_there(self) -> None:
         """A repair counts as used by the hash of its wheel, not by name and version."""

@@ -147,6 +147,6 @@ def shorten(text: str) -> str:
     return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}..."
 
 
-def quoted_pattern(value: str) -> str:
+def quote(value: str) -> str:
     """Return a pattern for a TOML string that begins like the value; what follows a quote inside may be escaped."""
     return "[\"']" + re.escape(value.partition('"')[0])
