@@ -19,8 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from harness.machine import store, this_machine
-from harness.physics.comparison import ROUND_OFF_RATIO, Class, Comparison, compare, gaps, ratios
+from harness.physics.comparison import ROUND_OFF_RATIO, compare, gaps, ratios
 from harness.physics.outputs import Bank, Outputs
+from harness.physics.relation import Class, Comparison
 from harness.probes import array_files
 from harness.probes.evidence import GIVEN, OUTPUTS
 from harness.probes.vault import MOST_FILE, Vault

@@ -15,8 +15,9 @@ from harness.machine import store, this_machine
 from harness.model import Case, Cell
 from harness.model.errors import BadInput
 from harness.physics import families, sentences
-from harness.physics.comparison import Comparison, compare
+from harness.physics.comparison import compare
 from harness.physics.outputs import Bank, Outputs
+from harness.physics.relation import Comparison
 from harness.probes import array_files
 from harness.probes.vault import Vault
 from harness.reports import publishing

@@ -15,8 +15,9 @@ from harness.model import Cell
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Unreadable
 from harness.physics import sentences
-from harness.physics.comparison import Comparison, compare
+from harness.physics.comparison import compare
 from harness.physics.outputs import FORM, Bank, Outputs
+from harness.physics.relation import Comparison
 from harness.probes import array_files
 from harness.probes.vault import Vault
 from harness.reports import publishing

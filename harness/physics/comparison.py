@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any
 
 import numpy as np
 
 from harness.physics.outputs import Array, Bank, Outputs
+from harness.physics.relation import AGREEING, STARTS, Class, Comparison, Difference
 
 ROUND_OFF_RATIO, CHANGED_RATIO = 1e2, 1e4
 """Up to the first ratio of difference to noise two cells agree; from the second on they do not."""
@@ -28,88 +28,6 @@ SAME_ROTATION = frozenset({"body_quat", "body_iquat", "geom_quat"})
 principal axes can be named in another order."""
 
 STAGES = ("kinematics", "collision", "actuation", "passive", "bias", "acceleration", "constraint", "solver")
-
-
-class Class(StrEnum):
-    """The relation of two cells for one case or one output of it."""
-
-    IDENTICAL = "identical"
-    ROUND_OFF = "round_off"
-    SOLVER_PRECISION = "solver_precision"
-    UNDECIDED = "undecided"
-    CHANGED = "changed"
-    NOT_EXERCISED = "not_exercised"
-    NOT_COMPARABLE = "not_comparable"
-    NONDETERMINISTIC = "nondeterministic"
-    OTHER_INTERFACE = "other_interface"
-    OTHER_OBSERVATION = "other_observation"
-    OTHER_REWARD = "other_reward"
-    OTHER_TERMINATION = "other_termination"
-    RESEEDED = "reseeded"
-    OTHER_START = "other_start"
-
-
-STARTS = frozenset({Class.RESEEDED, Class.OTHER_START})
-"""Classes of resets that do not start alike."""
-
-AGREEING = frozenset({Class.IDENTICAL, Class.ROUND_OFF, Class.SOLVER_PRECISION})
-"""Classes of two cells that belong to one family."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Difference:
-    """The difference of one output.
-
-    `largest` and `median` are relative differences, of the states that differ (see `gaps`); `share` is the share of
-    states whose difference is beyond `CHANGED_RATIO`, `state` the one with the largest ratio, `ratio` that ratio.
-    """
-
-    output: str
-    kind: Class
-    largest: float = 0.0
-    median: float = 0.0
-    share: float = 0.0
-    ratio: float = 0.0
-    state: int | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class Comparison:
-    """The relation of two cells for one case.
-
-    `kind` sums it up. `dynamics` is of the next state alone, `start` of the resets. `stage` is the first stage that
-    differs, `start_of_stage` the step or inner stage at whose start it was read, `model` the physical arrays of the
-    model that differ. `warm_start` is whether the next state differs only from the stored warm start. `seeded` is
-    whether no state can be set: then the states are those of short runs from seeded resets. `unrepeated` are outputs
-    that depend on more than the state, and are left out.
-    """
-
-    kind: Class
-    dynamics: Class
-    start: Class
-    differences: tuple[Difference, ...] = ()
-    stage: str | None = None
-    start_of_stage: str | None = None
-    model: tuple[str, ...] = ()
-    warm_start: bool = False
-    seeded: bool = False
-    unrepeated: tuple[str, ...] = ()
-
-    @property
-    def agrees(self) -> bool:
-        """Return whether both belong to one family."""
-        return self.kind in AGREEING
-
-    @property
-    def behaves_otherwise(self) -> bool | None:
-        """Return whether both behave or start in different ways; None where that cannot be told."""
-        if self.kind in {Class.UNDECIDED, Class.NOT_COMPARABLE, Class.NONDETERMINISTIC}:
-            return None
-        return not self.agrees or self.start in STARTS
-
-    def of(self, output: str) -> Difference:
-        """Return the difference of one output; identical where it was not compared."""
-        return next((one for one in self.differences if one.output == output), _identical(output))
 
 
 def compare(first: Outputs, second: Outputs, bank: Bank) -> Comparison:

@@ -9,7 +9,7 @@ from string import ascii_uppercase
 
 from packaging.version import InvalidVersion, Version
 
-from harness.physics.comparison import STARTS, Class, Comparison
+from harness.physics.relation import STARTS, Class, Comparison
 
 Compare = Callable[[str, str], Comparison]
 """Compares two cells, named by their ids."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from harness.physics.comparison import STARTS, Class, Comparison, Difference
+from harness.physics.relation import STARTS, Class, Comparison, Difference
 
 OUTPUTS = {
     "step": "the next state of the simulator",

@@ -16,8 +16,9 @@ from harness.model import CaseRecord, CellRecord, Plan
 from harness.model.hostile_data import Unreadable
 from harness.model.report_types import BehaviourEntry, BoundaryEntry, CaseEntry, CellEntry, Document
 from harness.physics import families, sentences
-from harness.physics.comparison import Class, Comparison, compare
+from harness.physics.comparison import compare
 from harness.physics.outputs import Bank, Outputs
+from harness.physics.relation import Class, Comparison
 from harness.probes import array_files
 from harness.probes.evidence import GIVEN, OUTPUTS
 from harness.probes.vault import MOST_FILE, Vault

@@ -6,7 +6,7 @@ import io
 import math
 from typing import TYPE_CHECKING, Any
 
-from harness.physics.comparison import AGREEING, Class
+from harness.physics.relation import AGREEING, Class
 from harness.reports.tables.family_tables import FamilyTable, ReleaseStep
 
 if TYPE_CHECKING:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -235,3 +236,28 @@ def test_functions_are_short() -> None:
         if isinstance(node, ast.FunctionDef) and (node.end_lineno or 0) - node.lineno >= LONGEST
     }
     assert not long
+
+
+IN_THE_HOOK = {"msgspec", "packaging", "tomli_w"}
+"""Packages that are installed where our wheel is built: `requires` of the build system in `pyproject.toml`."""
+
+
+def loaded(path: Path) -> set[str]:
+    """Return the full names that a file imports as it is loaded: not inside functions, and not for types alone."""
+    body = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.Import | ast.ImportFrom)]
+    names = {alias.name for node in body if isinstance(node, ast.Import) for alias in node.names}
+    for node in (node for node in body if isinstance(node, ast.ImportFrom) and not node.level):
+        names |= {str(node.module)} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def test_the_hook_of_the_wheel_loads_nothing_that_is_not_there() -> None:
+    """What it loads, directly or not, needs few packages; `recommend` starts with the same modules."""
+    todo, seen, others = ["harness.reports.answers.digest"], set(), set()
+    while todo:
+        module = todo.pop()
+        seen.add(module)
+        names = loaded(MODULES[module]) if module in MODULES else set()
+        others |= {name.partition(".")[0] for name in names if not name.startswith("harness")}
+        todo += [name for name in names if name in MODULES and name not in seen]
+    assert others - sys.stdlib_module_names - {"__future__"} <= IN_THE_HOOK

@@ -8,8 +8,8 @@ from itertools import pairwise
 from typing import Literal, TypeVar
 
 from harness.model.report_types import BoundaryEntry, CellEntry
-from harness.physics.comparison import STARTS
 from harness.physics.families import release_order
+from harness.physics.relation import STARTS
 
 ABSENT = "-"
 """The mark of an environment that was not measured with a release."""

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.physics.comparison import Class, compare
+from harness.physics.comparison import compare
 from harness.physics.outputs import Array, Bank, Outputs, typical_sizes
+from harness.physics.relation import Class
 
 STATES, NOISE = 300, 1e-14
 SPACES = {"action_space": "Box(2,)", "observation_space": "Box(3,)"}

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from harness.physics.comparison import Class, Comparison
 from harness.physics.families import Compare, boundaries, families, letter
+from harness.physics.relation import Class, Comparison
 
 
 def by_value(values: dict[str, float], kinds: dict[frozenset[str], Class] | None = None) -> Compare:

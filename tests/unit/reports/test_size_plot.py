@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from harness.physics.comparison import Class
+from harness.physics.relation import Class
 from harness.reports import size_plot
 from harness.reports.tables.family_tables import FamilyTable, ReleaseStep
 
