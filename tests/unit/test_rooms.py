@@ -252,7 +252,7 @@ def loaded(path: Path) -> set[str]:
 
 
 def test_the_hook_of_the_wheel_loads_nothing_that_is_not_there() -> None:
-    """What it loads, directly or not, needs few packages; `recommend` starts with the same modules."""
+    """Its modules need few packages; `recommend` starts with the same ones."""
     todo, seen, others = ["harness.reports.answers.digest"], set(), set()
     while todo:
         module = todo.pop()
