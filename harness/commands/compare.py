@@ -16,7 +16,7 @@ from harness.model import Case, Cell
 from harness.model.errors import BadInput
 from harness.physics import families, sentences
 from harness.physics.comparison import compare
-from harness.physics.outputs import Bank, Outputs
+from harness.physics.outputs import Outputs
 from harness.physics.relation import Comparison
 from harness.probes import array_files
 from harness.probes.vault import Vault
@@ -117,8 +117,7 @@ def _compare(
     vault, name = Vault(opened.folder), pair[0].bank
     if name is None:
         name = vault.keep(array_files.seal(behaviour_runs.make_bank(first, pair[0], opened, settings, board)))
-    bank_arrays = behaviour_runs.read_bank(name, vault)
-    bank = Bank.of(bank_arrays, array_files.facts(bank_arrays))
+    bank = behaviour_runs.read_bank(name, vault)
     outputs = [
         behaviour_runs.step_from(cell, case, name, opened, settings, board)
         for cell, case in zip((first, second), pair, strict=True)

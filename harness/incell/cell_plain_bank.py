@@ -9,7 +9,7 @@ PLAYED = 0.6
 """The share of the states that random play came through; the others lie beyond it."""
 
 BEYOND = 2.5
-"""How far beyond the largest number that play came through the other states reach."""
+"""The reach of the other states, as a multiple of the largest number that play came through."""
 
 
 class AttributeMaker(Maker):

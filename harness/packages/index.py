@@ -50,7 +50,7 @@ class Patience:
 
 PATIENT = Patience()
 HASTY = Patience(pauses=(), timeout=(3, 10))
-"""Where nothing depends on the answer."""
+"""The patience of a question on whose answer nothing depends."""
 
 PAGE_READS = 2
 """A whole page has so many times the seconds that are allowed between two pieces of it."""

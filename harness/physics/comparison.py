@@ -52,8 +52,11 @@ def compare(first: Outputs, second: Outputs, bank: Bank) -> Comparison:
     stage = _first_stage(first, second, bank) if "stages" in first.arrays else _NO_STAGE
     dynamics = _dynamics(first, second, bank, differences, stage)
     warm_start = dynamics in AGREEING and differences.get("warm_step", _identical("")).kind is Class.CHANGED
+    kind = _sum_up(first, second, dynamics, warm_start, differences)
+    if unrepeated and (kind in AGREEING or kind is Class.UNDECIDED):
+        kind = Class.NONDETERMINISTIC  # a change can be shown without the outputs that are left out, sameness cannot
     return Comparison(
-        kind=_sum_up(first, second, dynamics, warm_start, differences),
+        kind=kind,
         dynamics=Class.CHANGED if warm_start else dynamics,
         start=_comparable_start(start, differences["observation"]),
         differences=tuple(differences.values()),

@@ -23,6 +23,7 @@ from harness.probes import array_files
 from harness.probes.evidence import GIVEN, OUTPUTS
 from harness.probes.vault import MOST_FILE, Vault
 from harness.reports import changelogs
+from harness.running import behaviour_runs
 
 OUTPUT_OF = {"observation": "observation", "reward": "reward", "ended": "termination"}
 """Outputs whose class a case entry names, by the name of it there; the dynamics and the start come with them."""
@@ -197,8 +198,7 @@ class _Task:
 
     def _bank(self, case_run: _Measured) -> Bank:
         if case_run.bank not in self._banks:
-            arrays = array_files.decode(self.vault.content(case_run.bank, MOST_FILE))
-            self._banks[case_run.bank] = Bank.of(arrays, array_files.facts(arrays))
+            self._banks[case_run.bank] = behaviour_runs.read_bank(case_run.bank, self.vault)
         return self._banks[case_run.bank]
 
 

@@ -1,4 +1,7 @@
-"""Plot how much the behaviour of each environment changes from release to release."""
+"""Plot how much the behaviour of each environment changes from release to release.
+
+matplotlib takes a third of a second to import, and few reports have behaviour: functions import it.
+"""
 
 from __future__ import annotations
 
@@ -37,9 +40,8 @@ LEGEND = (
 
 def draw(table: FamilyTable) -> bytes:
     """Return an SVG picture: a row for each environment, a column for each release."""
-    # Imported here because it takes a third of a second, and few reports have behaviour.
-    from matplotlib import rc_context  # noqa: PLC0415
-    from matplotlib.figure import Figure  # noqa: PLC0415
+    from matplotlib import rc_context  # noqa: PLC0415 - start-up
+    from matplotlib.figure import Figure  # noqa: PLC0415 - start-up
 
     with rc_context(SETTINGS):
         rows, columns = len(table.steps), len(table.releases)
@@ -80,8 +82,8 @@ def _has_size(step: ReleaseStep) -> bool:
 
 
 def _colour(step: ReleaseStep | None) -> tuple[float, ...]:
-    from matplotlib import colormaps  # noqa: PLC0415
-    from matplotlib.colors import to_rgba  # noqa: PLC0415
+    from matplotlib import colormaps  # noqa: PLC0415 - start-up
+    from matplotlib.colors import to_rgba  # noqa: PLC0415 - start-up
 
     if step is None:
         return to_rgba(UNMEASURED)

@@ -12,6 +12,7 @@ from harness.machine.store import Store
 from harness.model import Case, CaseRecord, Cell, Phase
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.vocabulary import IMPORT_CHECK
+from harness.physics.outputs import Bank
 from harness.probes import array_files
 from harness.probes.evidence import BANK, MAKE_BANK, OUTPUTS, STEP
 from harness.probes.vault import MOST_FILE, Vault
@@ -38,9 +39,10 @@ def stepping_cell(cell: Cell, case: Case, bank: str) -> Cell:
     return _only(cell, replace(case, bank=bank, checks=(IMPORT_CHECK, STEP)))
 
 
-def read_bank(name: str, vault: Vault) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a bank in the vault."""
-    return array_files.decode(vault.content(name, MOST_FILE))
+def read_bank(name: str, vault: Vault) -> Bank:
+    """Return a bank in the vault, by its SHA-256."""
+    arrays = array_files.decode(vault.content(name, MOST_FILE))
+    return Bank.of(arrays, array_files.facts(arrays))
 
 
 def arrays_of(record: CaseRecord, name: str, vault: Vault) -> dict[str, NDArray[Any]] | None:

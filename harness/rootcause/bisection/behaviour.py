@@ -62,8 +62,7 @@ class BehaviourTask:
         outputs = read_outputs(trial, self.vault)
         if outputs is None or not outputs.steps_from_bank:
             return None
-        arrays = behaviour_runs.read_bank(self.bank, self.vault)
-        bank = Bank.of(arrays, array_files.facts(arrays))
+        bank = behaviour_runs.read_bank(self.bank, self.vault)
         return BehaviourPredicate(env=self.env, bank=bank, vault=self.vault, reference=reference, outputs=outputs)
 
 

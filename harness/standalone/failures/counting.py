@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Any, Callable, Iterable, List, Tuple
 
 Says = Callable[[Any], bool]
-"""Whether a diagnosis was seen in a line that says why something failed."""
+"""A function that returns whether a diagnosis was seen in a line that says why something failed."""
 
 
 def select_counting(diagnoses: Iterable[Any], says: Says) -> Tuple[Any, ...]:

@@ -185,6 +185,25 @@ def test_a_step_that_does_not_repeat_itself_is_recognised_first() -> None:
     assert compare(outputs(), with_facts(repeats=False), bank()).kind is Class.NONDETERMINISTIC
 
 
+@pytest.mark.parametrize("left_out", ["state", "observation", "reward"])
+def test_an_output_that_does_not_repeat_itself_is_never_called_the_same(left_out: str) -> None:
+    """What is left shows a change if there is one; without one nothing is claimed."""
+    again = with_facts(repeats=False, unrepeated=[left_out])
+    assert compare(outputs(), again, bank()).kind is Class.NONDETERMINISTIC
+    changed = replace(again, arrays={**again.arrays, "step": again.arrays["step"] + 1})
+    assert compare(outputs(), changed, bank()).kind is Class.CHANGED
+
+
+def test_the_same_actions_in_other_words_are_the_same_interface() -> None:
+    """gym printed one space in three ways; its bounds count where both cells noted them."""
+    bounds = {"kind": "bounds", "shape": [1], "low": [-1.0], "high": [1.0]}
+    first = with_facts(action=bounds, spaces={**SPACES, "action_space": "Box(1,)"})
+    second = with_facts(action=bounds, spaces={**SPACES, "action_space": "Box(-1.0, 1.0, (1,), float32)"})
+    assert compare(first, second, bank()).kind is Class.IDENTICAL
+    wider = with_facts(action={**bounds, "high": [2.0]})
+    assert compare(first, wider, bank()).kind is Class.OTHER_INTERFACE
+
+
 def test_another_generator_is_no_other_distribution_of_starts() -> None:
     """Fifty seeds of one distribution, and of a wider one; the kind of the cell stays what its steps say."""
     dice = np.random.RandomState(9)
