@@ -187,7 +187,7 @@ def test_a_step_that_does_not_repeat_itself_is_recognised_first() -> None:
 
 @pytest.mark.parametrize("left_out", ["state", "observation", "reward"])
 def test_an_output_that_does_not_repeat_itself_is_never_called_the_same(left_out: str) -> None:
-    """What is left shows a change if there is one; without one nothing is claimed."""
+    """The other outputs may show a change; without one nothing is claimed."""
     again = with_facts(repeats=False, unrepeated=[left_out])
     assert compare(outputs(), again, bank()).kind is Class.NONDETERMINISTIC
     changed = replace(again, arrays={**again.arrays, "step": again.arrays["step"] + 1})
