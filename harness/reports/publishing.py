@@ -15,8 +15,11 @@ from pathlib import Path
 from stat import S_ISDIR
 from typing import NamedTuple
 
+import msgspec
+
 from harness.judging.assess import assess
 from harness.judging.exercised import unregistered_id
+from harness.judging.runs.case import BULKY
 from harness.judging.runs.check import phase_of
 from harness.machine import store, this_machine
 from harness.machine.files.file_locks import exclusive
@@ -25,6 +28,7 @@ from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.model.report_types import Document, format_count
 from harness.probes import launch
+from harness.probes.evidence import REPLY
 from harness.probes.vault import Vault
 from harness.reports import behaviour, document, freshness, packs, size_plot
 from harness.reports.tables import tables
@@ -280,19 +284,33 @@ def copy_file(source: str | Path, target: str | Path) -> bool:
         # A list and not any(), which would stop after the first file that was copied.
         return bool([copy_file(f"{source}/{text}", f"{target}/{text}") for text in texts])
     if not _same(there, target):
-        store.write_atomic(Path(target), Path(source).read_bytes())
+        content = Path(source).read_bytes()
+        store.write_atomic(Path(target), readable(content) if Path(source).name == REPLY else content)
         os.utime(target, ns=(there.st_atime_ns, there.st_mtime_ns))  # by which the next report knows it
     return True
 
 
+def readable(reply: bytes) -> bytes:
+    """Return a reply without its long lists of numbers: they are for programs, which find them in the pack."""
+    return b"".join(map(_short, reply.splitlines(keepends=True)))
+
+
+def _short(line: bytes) -> bytes:
+    try:
+        record = msgspec.json.decode(line)
+        facts = {name: fact for name, fact in record["facts"].items() if name not in BULKY}
+    except (msgspec.DecodeError, TypeError, LookupError, AttributeError):  # a cell may have written anything
+        return line
+    return line if facts == record["facts"] else msgspec.json.encode({**record, "facts": facts}) + b"\n"
+
+
 def _same(there: os.stat_result, target: str | Path) -> bool:
-    """Return whether the target is the same file or an unchanged copy of it."""
+    """Return whether the target is the same file or a copy of it, which has its time."""
     try:
         here = os.stat(target)  # noqa: PTH116 - thousands of files
     except OSError:
         return False
-    copied = (here.st_size, here.st_mtime_ns) == (there.st_size, there.st_mtime_ns)
-    return copied or (here.st_ino, here.st_dev) == (there.st_ino, there.st_dev)
+    return here.st_mtime_ns == there.st_mtime_ns or (here.st_ino, here.st_dev) == (there.st_ino, there.st_dev)
 
 
 def seen_from(folder: Path, state: Path) -> document.Locate:

@@ -44,3 +44,18 @@ def test_equal_frames_are_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert names[2] != names[0]
     assert [(tmp_path / "report" / name).read_bytes() for name in names] == [b"one", b"one", b"two"]
     assert sorted(written) == sorted({Path(name).name for name in names})
+
+
+def test_the_copy_of_a_reply_has_no_long_lists_of_numbers(tmp_path: Path) -> None:
+    """A report's folder holds what a reader needs; the numbers stay in the state folder and in the pack."""
+    source = tmp_path / "evidence" / "1"
+    source.mkdir(parents=True)
+    reply = b'{"check": "single.loop", "facts": {"values": {"entries": [[1.5]]}, "exercised": ["mujoco"]}}\n'
+    others = b'{"kind": "hello", "pid": 2}\nno json at all\n{"facts": 3}\n'
+    (source / "reply.jsonl").write_bytes(others + reply)
+
+    assert publishing.copy_file(source, tmp_path / "copy")
+
+    copied = (tmp_path / "copy" / "reply.jsonl").read_bytes()
+    assert copied == others + b'{"check":"single.loop","facts":{"exercised":["mujoco"]}}\n'
+    assert (source / "reply.jsonl").read_bytes() == others + reply
