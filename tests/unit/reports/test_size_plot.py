@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import matplotlib.font_manager  # noqa: F401 - its first import in a home asks a program for the fonts, not a test
+
 from harness.physics.relation import Class
 from harness.reports import size_plot
 from harness.reports.tables.family_tables import FamilyTable, ReleaseStep
