@@ -13,8 +13,11 @@ from .cell_sketch import Stages
 MUJOCO_STATE = ("qpos", "qvel", "act", "mocap_pos", "mocap_quat", "ctrl")
 """Arrays of mjData that are set, besides the time and the warm start."""
 
-EXACT_ITERATIONS = (1, 3, 100)
-"""Times as many iterations of the solver, with tolerance 0, as the model asks for: more while they change a step."""
+EXACT_ITERATIONS, NEWTON_ITERATIONS = (1, 3, 100), (1, 3)
+"""Times as many iterations of the solver, with tolerance 0, as the model asks for: more while they change a step.
+
+Newton's method ends within some ten iterations; what more of them change is rounding, which grows with their number.
+"""
 
 
 def physics_of(env):
@@ -131,6 +134,8 @@ class MujocoPhysics:
         self.parts = ("time", *(name for name in MUJOCO_STATE if getattr(data, name).size))
         self.unset = (*unset, *self._unset())
         self.stages = Stages(mujoco, model, data)
+        newton = model.opt.solver == mujoco.mjtSolver.mjSOL_NEWTON
+        self.exact_iterations = NEWTON_ITERATIONS if newton else EXACT_ITERATIONS
 
     def _unset(self):
         """Yield what a state of this model has that is not set: it stays as the reset left it."""

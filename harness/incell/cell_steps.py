@@ -7,7 +7,6 @@ import numpy as np
 from .cell_action_space import action_space_of
 from .cell_errors import library
 from .cell_flat import flat, precision_of
-from .cell_physics import EXACT_ITERATIONS
 
 TWINS, EXACT_TWINS = 16, 4
 CONTACT_TWINS, LARGE_NOISE = 199, 1e-9
@@ -123,7 +122,7 @@ class Stepper:
     def exactly_simulated(self, state):
         """Make one step whose solver iterates until more iterations change nothing but the last bits."""
         before = None
-        for times in EXACT_ITERATIONS:
+        for times in self.physics.exact_iterations:
             with self.physics.exactly(times):
                 after = self.simulated(state)
             if before is not None and np.all(np.abs(after - before) <= LAST_BITS * np.maximum(np.abs(after), SMALL)):
