@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import shlex
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -35,6 +36,7 @@ from harness.rootcause.bisection.certificates import BisectDocument
 from harness.rootcause.repair import candidate_changes, pasting
 from harness.running import behaviour_runs, open_matrix, scheduler
 from harness.running.signatures import shipped_signatures
+from harness.standalone import wrapping
 from harness.standalone.failures.silent import plainly_good
 from harness.standalone.output import print_json
 
@@ -46,6 +48,7 @@ HELP = (
 CODES = {Status.FOUND: 0, Status.REFUSED: 1, Status.NO_GOOD_END: 1, Status.STOPPED: 3, Status.UNTOLD: 3}
 DATE, PYTHON = "--date", "--python"
 RUNS, MINUTES, CONFIDENCE = 60, 60.0, 0.99
+COPIED = ("repeat it: ", "written: ")
 HINTS = 2
 """Versions that were measured to work elsewhere, tried first where no good end is given."""
 
@@ -133,8 +136,14 @@ def main(args: argparse.Namespace) -> int:
     if args.json:
         print_json(search_documents.as_json(certificate))
     else:
-        print("\n".join(certificates.lines(certificate)))
+        print("\n".join(_wrapped(certificates.lines(certificate), wrapping.width(sys.stdout))))
     return CODES[done.status]
+
+
+def _wrapped(lines: Iterable[str], columns: int | None) -> Iterator[str]:
+    """Yield lines broken at the width of a terminal, but for commands and files, which people copy."""
+    for line in lines:
+        yield from [line] if line.startswith(COPIED) else wrapping.wrap(line, columns, 4 if line[:1] == " " else 2)
 
 
 def _check(args: argparse.Namespace) -> None:

@@ -133,10 +133,11 @@ def test_bisect_finds_the_release_that_behaves_otherwise(desk: Desk) -> None:
     page = (desk.folder / "found" / "bisect.md").read_text(encoding="utf-8")
     assert "fake_swing:Swing-v0 behaves otherwise than with fake-swing 1.0." in page
 
-    same = desk.run(
-        "bisect", cell, "--axis", "fake-swing", "--behaves", "--good", "1.0", "--bad", "1.1", "--out", "alike"
-    )
-    assert (same.code, "the bad end 1.1: behaves the same, up to rounding" in same.out) == (1, True)
+    ends = ("--good", "1.0", "--bad", "1.1")
+    same = desk.run("bisect", cell, "--axis", "fake-swing", "--behaves", *ends, "--out", "alike", COLUMNS="80")
+    said = " ".join(same.out.split())
+    assert (same.code, "the bad end 1.1: behaves the same, up to rounding" in said) == (1, True)
+    assert all(len(line) <= 80 or line.startswith(("repeat it: ", "written: ")) for line in same.out.splitlines())
     unnamed = desk.run("bisect", cell, "--axis", "fake-swing", "--behaves")
     assert (unnamed.code, "name the end that behaves rightly with --good" in unnamed.err) == (2, True)
 
