@@ -27,6 +27,7 @@ from harness.model.report_types import Document, format_count
 from harness.probes import launch
 from harness.probes.vault import Vault
 from harness.reports import behaviour, document, freshness, packs, size_plot
+from harness.reports.pictures import boundaries as picture_boundaries
 from harness.reports.tables import tables
 from harness.reports.tables.table_types import Report
 from harness.reports.template_files import read_template
@@ -108,6 +109,7 @@ def publish(
                 try:
                     report = making(locate=place(records, opened, folder))
                     report = behaviour.add(report, records, [plan], Vault(opened.folder))
+                    report = picture_boundaries.add(report, records, [plan], Vault(opened.folder))
                     shown = write(report, folder, wanted.pivot, plan.page)
                     # A report in the state folder needs no pack, because its evidence lies in the same folder.
                     if wanted.out:
