@@ -44,4 +44,4 @@ def describe_making(moved: Sequence[str], compared: Collection[str]) -> str:
     if moved:
         return "; ".join(MOVES[Part(part)] for part in moved)
     same = [part for part in Part if part in compared and part is not Part.RENDERER]
-    return f"the same {' and '.join(same)}" if same else "it is not exposed which part of its making moved"
+    return f"with the same {' and '.join(same)}" if same else "it is not exposed which part of its making moved"

@@ -68,6 +68,9 @@ def read_states(arrays: Mapping[str, Array], subject: str) -> Drawings:
     with raise_unreadable():
         facts = msgspec.convert(array_files.facts(arrays), DrawnFacts)
         small, digests = arrays.get("small"), arrays.get("digest", np.zeros((0, 32), np.uint8))
+        if small is not None and (small.shape[:1], small.shape[3:], small.dtype) != (digests.shape[:1], (3,), np.uint8):
+            message = "its small pictures are not arrays of colours"
+            raise Unreadable(message)
         by_state = {
             drawn.state: Drawing(
                 shape=drawn.shape,
@@ -132,7 +135,7 @@ def _start(facts: Mapping[str, Any]) -> Array | str | None:
             if values:
                 return np.array([np.nan if number is None else number for number in values])
             return str(facts["trajectory"][0])
-    except (Unreadable, LookupError):
+    except (Unreadable, LookupError, TypeError):
         return None
 
 
@@ -149,5 +152,7 @@ def _numbers(camera: Mapping[str, Any] | None) -> dict[str, list[float]]:
     return {name: list(np.ravel(value).tolist()) for name, value in (camera or {}).items()}
 
 
-def _renderer(context: Mapping[str, str]) -> str:
+def _renderer(context: object) -> str:
+    if not isinstance(context, Mapping):
+        return ""
     return " ".join(str(context[part]) for part in ("renderer", "version") if part in context)

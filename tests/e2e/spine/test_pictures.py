@@ -60,7 +60,7 @@ def test_compare_says_how_both_look_and_where_their_frames_lie(banked: Desk) -> 
     same = banked.run("compare", cells["1.0"], cells["1.1"])
     assert same.code == 0
     text = " ".join(same.out.split())
-    assert f"{ENV}: is drawn with other pixels, and nobody sees the difference; the same camera" in text
+    assert f"{ENV}: is drawn with other pixels, and nobody sees the difference; with the same camera" in text
     other = banked.run("compare", cells["1.0"], cells["2.0"], "--json")
     (entry,) = other.document["environments"]
     assert (other.code, entry["kind"], entry["pixels"], entry["moved_parts"]) == (1, "identical", "changed", ["camera"])

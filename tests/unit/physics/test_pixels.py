@@ -113,7 +113,7 @@ def test_the_drawing_is_not_blamed_where_little_is_known() -> None:
     other = replace(bare, digest="b", fields=brighter(20))
     found = compare(replace(drawings(bare), parts={}), replace(drawings(other), parts={}))
     assert (found.moved, found.compared) == ((), (Part.CAMERA, Part.LENS, Part.RENDERER))
-    assert describe(found).endswith("; the same camera and lens")
+    assert describe(found).endswith("; with the same camera and lens")
 
 
 def test_a_picture_that_does_not_repeat_is_never_called_the_same() -> None:
