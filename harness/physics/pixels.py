@@ -31,6 +31,14 @@ SAME_NUMBER = 1e-4
 SAME_START = 1e-6
 """Difference of an observation that is rounding: some are float32."""
 
+SETTINGS = (
+    "flags", "rgba.fog", "rgba.haze", "stat.extent", "stat.center",
+    *(f"map.{name}" for name in ("znear", "zfar", "fogstart", "fogend", "haze", "shadowclip", "shadowscale")),
+    *(f"quality.{name}" for name in ("shadowsize", "offsamples", "numslices", "numstacks", "numquads")),
+)  # fmt: skip
+"""Visual settings that a plain picture depends on. The others are of marks such as those of cameras and contacts:
+where these are drawn, they are things of the scene, with colours of their own."""
+
 CAMERA, LENS = ("position", "forward", "up", "view"), ("fovy", "height", "lens")
 
 
@@ -204,6 +212,7 @@ def _parts(left: Drawing, right: Drawing, first: Drawings, second: Drawings) -> 
         Part.SETTINGS: _moved(
             {**left.parts.get("flags", {}), **first.parts.get("settings", {})},
             {**right.parts.get("flags", {}), **second.parts.get("settings", {})},
+            SETTINGS,
         ),
         Part.RENDERER: first.renderer != second.renderer if first.renderer and second.renderer else None,
     }

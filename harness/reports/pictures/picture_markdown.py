@@ -11,7 +11,7 @@ from harness.physics.pixels import JUST_NOTICEABLE, Look
 from harness.physics.sentences import percent
 from harness.reports.text.markdown_texts import table_cell
 
-NAMED = 6
+NAMED = 12
 """Environments that a sentence names at most."""
 
 SUBJECTS = {

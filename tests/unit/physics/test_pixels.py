@@ -99,6 +99,13 @@ def test_a_part_of_the_model_that_moved_is_named(name: str, numbers: dict[str, S
     assert found.moved == (part,)
 
 
+def test_a_setting_that_no_picture_depends_on_moves_nothing() -> None:
+    """MuJoCo 3.0 gave the marks of cameras another colour, and draws none unless it is asked to."""
+    mark = {"map.znear": [1, 0.01], "rgba.camera": [4, 0.5]}
+    first = drawings(settings={**mark, "rgba.camera": [4, 0.7]})
+    assert compare(first, drawings(drawing(), drawing(brighter(20)), settings=mark)).moved == (Part.DRAWING,)
+
+
 def test_rounding_and_another_layout_move_nothing() -> None:
     """Scenes hold numbers of 32 bits, and releases lay out the same arrays in other sizes."""
     rounded = {**EYE, "position": [1e-7, -3.0000002, 1.0]}
