@@ -27,7 +27,10 @@ Line = Mapping[str, CellRecord]
 
 
 def add(document: Document, records: Iterable[CellRecord], plans: Sequence[Plan], vault: Vault) -> Document:
-    """Return the document with its pictures; the same one where no two cells drew the same case."""
+    """Return the document with its pictures; the same one where no two cells drew the same case.
+
+    Pictures after a reset, which no case asks to compare, are left out along an axis on which none differs.
+    """
     by_matrix: dict[str, list[CellRecord]] = {}
     for record in records:
         if record.cell.base is None:
@@ -74,7 +77,9 @@ def _pictures(matrix: str, axis: str, line: Line, vault: Vault) -> Iterator[Pict
                     drawn.setdefault((case.case, case.env), {})[value] = picture
         compared = {case: pictures for case, pictures in drawn.items() if len(pictures) > 1}
         if compared:
-            yield _entry(matrix, axis, line, "states" if method == "states" else "start", compared)
+            entry = _entry(matrix, axis, line, "states" if method == "states" else "start", compared)
+            if entry.boundaries or method == "states":
+                yield entry
             return
 
 

@@ -122,16 +122,26 @@ def test_a_difference_that_nobody_sees_keeps_its_letter(vault: Vault) -> None:
 
 def test_pictures_of_other_starts_are_not_compared(vault: Vault) -> None:
     """They show other states, whatever they look like."""
-    (entry,) = pictures(vault, measured("1.3.0", drawn(vault)), measured("1.4.0", drawn(vault, BRIGHT, start=1.6)))
-    assert (entry.letters, entry.boundaries) == ({"Ant-v5": ("a", "?")}, ())
+    cells = [measured("1.3.0", drawn(vault)), measured("1.4.0", drawn(vault, BRIGHT, start=1.6))]
+    assert pictures(vault, *cells) == ()
+    (entry,) = pictures(vault, *cells, measured("1.2.3", drawn(vault, BRIGHT)))
+    assert entry.letters == {"Ant-v5": ("a", "b", "?")}
+    assert [boundary.after for boundary in entry.boundaries] == ["1.3.0"]
 
 
 def test_cells_on_other_pythons_are_no_neighbours(vault: Vault) -> None:
     """The longest line of cells that differ in one axis alone is compared, and a single cell has no pictures."""
     other = measured("1.0.0", drawn(vault, BRIGHT, AWAY), python="3.10")
-    (entry,) = pictures(vault, other, measured("1.3.0", drawn(vault)), measured("1.4.0", drawn(vault)))
-    assert (entry.releases, entry.boundaries) == (("1.3.0", "1.4.0"), ())
+    (entry,) = pictures(vault, other, measured("1.3.0", drawn(vault)), measured("1.4.0", drawn(vault, BRIGHT)))
+    assert entry.releases == ("1.3.0", "1.4.0")
     assert pictures(vault, other, measured("1.3.0", drawn(vault))) == ()
+
+
+def test_starts_that_look_the_same_everywhere_are_left_out(vault: Vault) -> None:
+    """Nobody asked to compare them; drawn states are a table all the same."""
+    assert pictures(vault, measured("1.3.0", drawn(vault)), measured("1.4.0", drawn(vault))) == ()
+    (entry,) = pictures(vault, measured("1.3.0", drawn_states(vault)), measured("1.4.0", drawn_states(vault)))
+    assert (entry.letters, entry.boundaries) == ({"Ant-v5": ("a", "a")}, ())
 
 
 def test_drawn_states_go_before_starts_and_have_to_repeat(vault: Vault) -> None:
