@@ -44,11 +44,12 @@ LOOKS = {
     "again": {Look.IDENTICAL},
     "loose": {Look.NONDETERMINISTIC},
     "pixel": {Look.IMPERCEPTIBLE},
-    "samples": {Look.CHANGED, Look.IMPERCEPTIBLE},
+    "samples": {Look.CHANGED, Look.IMPERCEPTIBLE, Look.IDENTICAL},  # software that draws may have one sample anyway
 }
-"""The looks that are right, by the first word; all others are `changed` from `POWER` on, and may be less below it."""
+"""The looks that are right, by the first word; all others are `changed` from their power on, and may be less below."""
 
-POWER = 1e-2
+POWER = {"camera": 1e-2, "lens": 1e-2}
+OTHER_POWER = 1e-1
 """The relative size from which on a planted change of the looks has to be seen."""
 
 
@@ -79,7 +80,7 @@ def judge(drawings: dict[str, Drawings]) -> Iterator[Planted]:
     for case, drawn in drawings.items():
         comparison = compare(drawings[CLEAN], drawn)
         word, _, size = case.partition("-")
-        below = bool(size) and float(size) < POWER
+        below = bool(size) and float(size) < POWER.get(word, OTHER_POWER)
         looks = LOOKS.get(word, {*Look} if below else {Look.CHANGED})
         parts = {PARTS.get(word, ()), ()} if below else {PARTS.get(word, ())}
         if below and comparison.kind is Look.IMPERCEPTIBLE:
@@ -99,8 +100,9 @@ def section(planted: list[Planted]) -> str:
         "",
         f"{len(planted) - len(wrong)} of {len(planted)} right"
         + (f"; wrong: {', '.join(wrong)}" if wrong else "")
-        + f". Stated power: a relative change of {POWER:g} of a camera, a lens, a light, a colour, a texture or a "
-        "thing is seen, and the part is named.",
+        + f". Stated power: a relative change of {POWER['camera']:g} of a camera's place or its lens, and of "
+        f"{OTHER_POWER:g} of a light, a colour, a texture or a thing, is seen, and the part is named. A single pixel "
+        "is found, and not seen.",
         "",
         "| planted | pictures | part that moved | of the picture | mean distance of colours | right |",
         "| --- | --- | --- | --: | --: | :-: |",

@@ -25,8 +25,8 @@ VISIBLE_SHARE = 0.001
 FIELDS = 48
 """Fields along the longer side of a picture, at most."""
 
-SAME_NUMBER = 1e-4
-"""Difference of a number of a camera, or of a sum over a scene, that is rounding: scenes hold numbers of 32 bits."""
+SAME_NUMBER, SAME_SUM = 1e-6, 1e-5
+"""Difference of a number of a camera, and of a sum over a scene, that is rounding: scenes hold numbers of 32 bits."""
 
 SAME_START = 1e-6
 """Difference of an observation that is rounding: some are float32."""
@@ -240,8 +240,8 @@ def _differs(left: Sequence[float], right: Sequence[float]) -> bool:
     is_sum = len(left) == len(right) == 2
     if len(left) != len(right) or (is_sum and left[0] != right[0]):
         return False
-    pairs = zip(left, right, strict=True)
-    return any(abs(a - b) > SAME_NUMBER * max(1.0, abs(a), abs(b)) for a, b in pairs)
+    pairs, most = zip(left, right, strict=True), SAME_SUM if is_sum else SAME_NUMBER
+    return any(abs(a - b) > most * max(1.0, abs(a), abs(b)) for a, b in pairs)
 
 
 # --- families --------------------------------------------------------------------------------------------------
