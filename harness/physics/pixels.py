@@ -208,7 +208,7 @@ def _parts(left: Drawing, right: Drawing, first: Drawings, second: Drawings) -> 
         Part.CAMERA: _moved(*camera, CAMERA),
         Part.LENS: _moved(*camera, LENS),
         **{part: _moved(left.parts.get(part, {}), right.parts.get(part, {})) for part in SCENE},
-        Part.TEXTURES: _moved(first.parts.get("textures", {}), second.parts.get("textures", {})),
+        Part.TEXTURES: _textures(first.parts.get("textures", {}), second.parts.get("textures", {})),
         Part.SETTINGS: _moved(
             {**left.parts.get("flags", {}), **first.parts.get("settings", {})},
             {**right.parts.get("flags", {}), **second.parts.get("settings", {})},
@@ -218,6 +218,20 @@ def _parts(left: Drawing, right: Drawing, first: Drawings, second: Drawings) -> 
     }
     return {part: bool(moved) for part, moved in differing.items() if moved is not None}
 
+
+def _textures(left: Mapping[str, Sequence[float]], right: Mapping[str, Sequence[float]]) -> bool | None:
+    """Return whether textures differ; None also where they may be read in other colour spaces.
+
+    MuJoCo before 3.3.3 has no colour spaces: it draws the same texels of a file that is marked as sRGB brighter.
+    """
+    moved = _moved(left, right)
+    spaces = [textures.get(COLOUR_SPACES) for textures in (left, right)]
+    known_of_one = None in spaces and any(space is not None and space[-1] != 0 for space in spaces)
+    return None if known_of_one and not moved else moved
+
+
+COLOUR_SPACES = "tex_colorspace"
+"""The colour space of each texture: 0 for those that the model makes itself."""
 
 SCENE = (Part.LIGHTS, Part.THINGS, Part.COLOURS)
 

@@ -114,6 +114,17 @@ def test_rounding_and_another_layout_move_nothing() -> None:
     assert found.moved == (Part.DRAWING,)
 
 
+def test_textures_are_not_called_the_same_where_one_release_knows_no_colour_space() -> None:
+    """MuJoCo 3.3.3 draws files that are marked as sRGB darker, from the same texels."""
+    texels = MODEL["textures"]
+    file, own = ({**texels, "tex_colorspace": [1, space]} for space in (2.0, 0.0))
+    darker = drawing(), drawing(brighter(-20))
+    found = compare(drawings(), drawings(*darker, textures=file))
+    assert (found.moved, Part.TEXTURES in found.compared) == ((), False)
+    assert compare(drawings(), drawings(*darker, textures=own)).moved == (Part.DRAWING,)
+    assert compare(drawings(textures=own), drawings(*darker, textures=file)).moved == (Part.TEXTURES,)
+
+
 def test_the_drawing_is_not_blamed_where_little_is_known() -> None:
     """With the camera alone, lights or colours may have moved."""
     bare = Drawing(shape=(480, 480, 3), digest="a", fields=picture(), parts={"camera": EYE})
