@@ -121,6 +121,54 @@ class BoundaryEntry(msgspec.Struct, frozen=True, kw_only=True):
     changelog: str = ""
 
 
+class PictureDifferenceEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """The difference of the pictures of one environment between two releases; see `physics/pixels.py`.
+
+    `share` is the share of a picture that looks different, at the state where that is most, `median` at the middle one,
+    `moved` are the parts of its making that differ, `compared` those that are known of both.
+    """
+
+    case: str
+    env: str | None
+    kind: str
+    share: float
+    median: float
+    distance: float
+    moved: tuple[str, ...]
+    compared: tuple[str, ...]
+
+
+class PictureBoundaryEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """Two neighbouring releases whose pictures differ, with each environment that differs, of so many `tasks`.
+
+    `moved` are other packages whose versions differ between the two cells: where there are any, the change is not
+    separated from them.
+    """
+
+    before: str
+    after: str
+    cells: tuple[str, str]
+    tasks: int
+    moved: dict[str, tuple[str | None, str | None]]
+    differences: tuple[PictureDifferenceEntry, ...]
+
+
+class PicturesEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """The pictures of a matrix along one axis, all other axes as they stand in `where`.
+
+    `method` is `states` where states of a bank were drawn, `start` for the picture after a seeded reset. `letters` has,
+    for each environment, one for each of `releases`: see `physics/pixels.py`; `-` where nothing was drawn.
+    """
+
+    matrix: str
+    axis: str
+    where: dict[str, str]
+    method: Literal["states", "start"]
+    releases: tuple[str, ...]
+    letters: dict[str, tuple[str, ...]]
+    boundaries: tuple[PictureBoundaryEntry, ...]
+
+
 class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
     """One environment tried. `reasons` and `masked` say per check why it ended so, and what hid that.
 
@@ -353,3 +401,4 @@ class Document(msgspec.Struct, frozen=True, kw_only=True):
     stale: tuple[str, ...] = ()
     probes: dict[str, str] = {}
     boundaries: tuple[BoundaryEntry, ...] | msgspec.UnsetType = msgspec.UNSET
+    pictures: tuple[PicturesEntry, ...] | msgspec.UnsetType = msgspec.UNSET

@@ -62,7 +62,7 @@ CheckName = Literal[
     "import.modules", "single.loop", "vector.sync", "vector.async.fork", "vector.async.spawn",
     "vector.async.forkserver", "vector.async.unshared", "vector.async.many", "vector.autoreset", "render.rgb_array",
     "render.device",
-    "behave.steps",
+    "behave.steps", "behave.pixels",
     "interop.sb3.check_env", "interop.sb3.learn",
     "interop.torchrl.gym", "interop.torchrl.gym_tensor", "interop.torchrl.isaaclab",
     "interop.torchrl.isaaclab_native", "interop.torchrl.backend",
@@ -409,9 +409,9 @@ def checks_of(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _stands_for(check: str, names: Sequence[str]) -> bool:
-    """Return whether one of these phases names a check: a usual one, or any, of behave, of interop and by `.*`."""
+    """Return whether one of these phases names a check: a usual one, or any, of interop and by `.*`."""
     phase = check.partition(".")[0]
-    return f"{phase}.*" in names or (phase in names and (check in STANDARD or phase in {"behave", "interop"}))
+    return f"{phase}.*" in names or (phase in names and (check in {*STANDARD, "behave.steps"} or phase == "interop"))
 
 
 # --- when ------------------------------------------------------------------------------------------------------

@@ -426,6 +426,7 @@ def combine(documents: Sequence[Document]) -> Document:
         stale=tuple(dict.fromkeys(sentence for document in documents for sentence in document.stale)),
         probes={name: probe for document in documents for name, probe in document.probes.items()},
         boundaries=tuple(one for document in documents for one in document.boundaries or ()) or msgspec.UNSET,
+        pictures=tuple(one for document in documents for one in document.pictures or ()) or msgspec.UNSET,
     )
 
 
