@@ -16,6 +16,7 @@ from harness.model import Case, Cell
 from harness.model.errors import BadInput
 from harness.physics import families, sentences
 from harness.physics.comparison import compare
+from harness.physics.consequence import Play, consequence
 from harness.physics.outputs import Outputs
 from harness.physics.relation import Comparison
 from harness.probes import array_files
@@ -33,7 +34,10 @@ HELP = (
 
 
 class ComparedEnvironment(msgspec.Struct, frozen=True, kw_only=True):
-    """One environment in the document of `compare --json`; `state` is the state of the bank that differs most."""
+    """One environment in the document of `compare --json`.
+
+    `state` is the state of the bank that differs most, `consequence` what the change does to the policy of the case.
+    """
 
     env: str
     kind: str
@@ -42,6 +46,7 @@ class ComparedEnvironment(msgspec.Struct, frozen=True, kw_only=True):
     state: int | None
     text: str
     frames: tuple[tuple[str, ...], tuple[str, ...]]
+    consequence: str | None = None
 
 
 class ComparedCells(msgspec.Struct, frozen=True, kw_only=True):
@@ -71,16 +76,18 @@ def main(args: argparse.Namespace) -> int:
         runner = scheduler.Runner(opened, settings, board)
         installed = [runner.measure(_bare(cell)).installed or {} for cell in (first, second)]
         comparisons = [_compare(first, second, pair, opened, settings, board) for pair in pairs]
+        consequences = [_play(first, second, pair, opened, settings, board) for pair in pairs]
     moved = families.moved_packages(*installed)
-    compared = zip(pairs, comparisons, strict=True)
-    entries = tuple(_entry(pair, found, (first, second), opened) for pair, found in compared)
+    compared = zip(pairs, comparisons, consequences, strict=True)
+    entries = tuple(_entry(pair, found, effect, (first, second), opened) for pair, found, effect in compared)
     if args.json:
         print_json(msgspec.json.encode(ComparedCells(cells=(first.id, second.id), moved=moved, environments=entries)))
     else:
         print(f"{first.id}\n{second.id}")
         print(f"  {sentences.moves(moved) or 'the same packages'}")
         for entry in entries:
-            print("\n".join(wrapping.wrap(entry.text, wrapping.width(sys.stdout))))
+            for text in filter(None, (entry.text, entry.consequence)):
+                print("\n".join(wrapping.wrap(text, wrapping.width(sys.stdout))))
             for cell, frames in zip((first, second), entry.frames, strict=True):
                 print(f"  frame: {frames[0]}  ({cell.label})" if frames else f"  no frame of {cell.label}")
     codes = [exit_code(found) for found in comparisons]
@@ -126,8 +133,33 @@ def _compare(
     return compare(mine, theirs, bank)
 
 
+def _play(
+    first: Cell,
+    second: Cell,
+    pair: tuple[Case, Case],
+    opened: store.Store,
+    settings: scheduler.Settings,
+    board: scheduler.Observer,
+) -> str | None:
+    """Play the policy of a case in both cells and say what the change does to it; None where both have not the same."""
+    mine, theirs = pair
+    if not mine.policy or (mine.policy, mine.seed) != (theirs.policy, theirs.seed):
+        return None
+    arrays = [
+        behaviour_runs.play(cell, case, opened, settings, board)
+        for cell, case in zip((first, second), pair, strict=True)
+    ]
+    before, after = (Play.of(one, array_files.facts(one)) for one in arrays)
+    effect = consequence(before, after, mine.policy.get("gain"))
+    return f"{mine.id}, by a policy: {sentences.describe_consequence(effect)}" if effect else None
+
+
 def _entry(
-    pair: tuple[Case, Case], comparison: Comparison, cells: tuple[Cell, Cell], opened: store.Store
+    pair: tuple[Case, Case],
+    comparison: Comparison,
+    effect: str | None,
+    cells: tuple[Cell, Cell],
+    opened: store.Store,
 ) -> ComparedEnvironment:
     leading = sentences.leading_difference(comparison)
     return ComparedEnvironment(
@@ -138,6 +170,7 @@ def _entry(
         state=leading.state if leading else None,
         text=f"{pair[0].env}: {sentences.describe(comparison)}",
         frames=(_frames(cells[0], pair[0], opened), _frames(cells[1], pair[1], opened)),
+        consequence=effect,
     )
 
 

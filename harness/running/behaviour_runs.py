@@ -11,10 +11,10 @@ from harness.judging.assess import assess
 from harness.machine.store import Store
 from harness.model import Case, CaseRecord, Cell, Phase
 from harness.model.errors import BadInput, CouldNotTell
-from harness.model.vocabulary import IMPORT_CHECK
+from harness.model.vocabulary import IMPORT_CHECK, MAKE_BANK, PLAY, STEP
 from harness.physics.outputs import Bank
 from harness.probes import array_files
-from harness.probes.evidence import BANK, MAKE_BANK, OUTPUTS, STEP
+from harness.probes.evidence import BANK, OUTPUTS, PLAYED
 from harness.probes.vault import MOST_FILE, Vault
 from harness.running.scheduler import Observer, Runner, Settings
 
@@ -32,6 +32,13 @@ def step_from(
 ) -> dict[str, NDArray[Any]]:
     """Return what the states of a bank (its SHA-256 in the vault) lead to in a case of a cell."""
     return _measure(stepping_cell(cell, case, bank), OUTPUTS, opened, settings, observer)
+
+
+def play(cell: Cell, case: Case, opened: Store, settings: Settings, observer: Observer) -> dict[str, NDArray[Any]]:
+    """Return the episodes that the policy of a case plays in a cell."""
+    return _measure(
+        _only(cell, replace(case, bank=None, checks=(IMPORT_CHECK, PLAY))), PLAYED, opened, settings, observer
+    )
 
 
 def stepping_cell(cell: Cell, case: Case, bank: str) -> Cell:

@@ -263,6 +263,7 @@ class Sheet:
     attempts: tuple[Attempt, ...] = ()
     families: tuple[FamilyTable, ...] = ()
     behaviour: tuple[Change, ...] = ()
+    consequences: tuple[tuple[str, str], ...] = ()
     left_out: int = 0
 
 
