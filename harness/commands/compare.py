@@ -28,7 +28,7 @@ from harness.standalone import wrapping
 from harness.standalone.output import print_json
 
 HELP = (
-    "Step two cells from the same states and tell what differs first, and by how much. "
+    "Step two cells from the same states and tell what differs first, and by how much; play the policy of a case. "
     "Exit status 1: they behave otherwise; 3: it cannot be told."
 )
 
