@@ -14,13 +14,14 @@ from harness.commands.freeze import exit_code
 from harness.machine import store, this_machine
 from harness.model import Case, Cell
 from harness.model.errors import BadInput, CouldNotTell
+from harness.model.vocabulary import DRAW
 from harness.physics import families, pixel_sentences, pixels, sentences
 from harness.physics.comparison import compare
+from harness.physics.consequence import Play, consequence
 from harness.physics.outputs import Outputs
 from harness.physics.pixels import Look, PixelComparison
 from harness.physics.relation import Comparison
 from harness.probes import array_files
-from harness.probes.evidence import DRAW
 from harness.probes.vault import Vault
 from harness.reports import publishing
 from harness.reports.pictures import stored_pictures
@@ -30,7 +31,8 @@ from harness.standalone import wrapping
 from harness.standalone.output import print_json
 
 HELP = (
-    "Step two cells from the same states and tell what differs first, and by how much; where drawn, how they look. "
+    "Step two cells from the same states and tell what differs first, and by how much; where drawn, how they look, and "
+    "how the policy of a case does. "
     "Exit status 1: they behave otherwise; 3: it cannot be told."
 )
 
@@ -39,6 +41,7 @@ class ComparedEnvironment(msgspec.Struct, frozen=True, kw_only=True):
     """One environment in the document of `compare --json`; `state` is the state of the bank that differs most.
 
     `pixels` is how both look at some of the states, None where that was not asked, `moved_parts` what makes it so.
+    `consequence` is what the change does to the policy of the case.
     """
 
     env: str
@@ -51,6 +54,7 @@ class ComparedEnvironment(msgspec.Struct, frozen=True, kw_only=True):
     pixels: str | None = None
     moved_parts: tuple[str, ...] = ()
     pixels_text: str = ""
+    consequence: str | None = None
 
 
 class ComparedCells(msgspec.Struct, frozen=True, kw_only=True):
@@ -83,24 +87,26 @@ def main(args: argparse.Namespace) -> int:
         runner = scheduler.Runner(opened, settings, board)
         installed = [runner.measure(_bare(cell)).installed or {} for cell in (first, second)]
         measuring = _Measuring((first, second), opened, settings, board)
-        comparisons, pictures = [], []
+        comparisons, pictures, consequences = [], [], []
         for pair in pairs:
             bank = measuring.bank(pair)
             comparisons.append(measuring.compare_steps(pair, bank))
             drawn = args.pixels or all(DRAW in case.checks for case in pair)
             pictures.append(measuring.compare_pixels(pair, bank) if drawn else None)
+            consequences.append(measuring.compare_plays(pair))
     moved = families.moved_packages(*installed)
-    compared = zip(pairs, comparisons, pictures, strict=True)
-    entries = tuple(_entry(pair, found, drawn, (first, second), opened) for pair, found, drawn in compared)
+    compared = zip(pairs, comparisons, pictures, consequences, strict=True)
+    entries = tuple(
+        _entry(pair, found, drawn, effect, (first, second), opened) for pair, found, drawn, effect in compared
+    )
     if args.json:
         print_json(msgspec.json.encode(ComparedCells(cells=(first.id, second.id), moved=moved, environments=entries)))
     else:
         print(f"{first.id}\n{second.id}")
         print(f"  {sentences.moves(moved) or 'the same packages'}")
         for entry in entries:
-            print("\n".join(wrapping.wrap(entry.text, wrapping.width(sys.stdout))))
-            if entry.pixels_text:
-                print("\n".join(wrapping.wrap(entry.pixels_text, wrapping.width(sys.stdout))))
+            for text in filter(None, (entry.text, entry.pixels_text, entry.consequence)):
+                print("\n".join(wrapping.wrap(text, wrapping.width(sys.stdout))))
             for cell, frames in zip((first, second), entry.frames, strict=True):
                 print(f"  frame: {frames[0]}  ({cell.label})" if frames else f"  no frame of {cell.label}")
     codes = [exit_code(found) for found in comparisons] + [_pixel_code(drawn.comparison) for drawn in pictures if drawn]
@@ -175,11 +181,25 @@ class _Measuring:
         drawings = stored_pictures.read_states(mine, bank), stored_pictures.read_states(theirs, bank)
         return _Pictures(pixels.compare(*drawings), (my_frames, their_frames))
 
+    def compare_plays(self, pair: tuple[Case, Case]) -> str | None:
+        """Play the policy of a case in both cells and say what the change does to it; None where they have not one."""
+        mine, theirs = pair
+        if not mine.policy or (mine.policy, mine.seed) != (theirs.policy, theirs.seed):
+            return None
+        arrays = [
+            behaviour_runs.play(cell, case, self.opened, self.settings, self.board)
+            for cell, case in zip(self.cells, pair, strict=True)
+        ]
+        before, after = (Play.of(one, array_files.facts(one)) for one in arrays)
+        effect = consequence(before, after, mine.policy.get("gain"))
+        return f"{mine.id}, by a policy: {sentences.describe_consequence(effect)}" if effect else None
+
 
 def _entry(
     pair: tuple[Case, Case],
     comparison: Comparison,
     drawn: _Pictures | None,
+    effect: str | None,
     cells: tuple[Cell, Cell],
     opened: store.Store,
 ) -> ComparedEnvironment:
@@ -192,6 +212,7 @@ def _entry(
         state=leading.state if leading else None,
         text=f"{pair[0].env}: {sentences.describe(comparison)}",
         frames=(_frames(cells[0], pair[0], opened), _frames(cells[1], pair[1], opened)),
+        consequence=effect,
     )
     if drawn is None:
         return entry

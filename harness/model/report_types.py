@@ -169,6 +169,37 @@ class PicturesEntry(msgspec.Struct, frozen=True, kw_only=True):
     boundaries: tuple[PictureBoundaryEntry, ...]
 
 
+class ConsequenceEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """The effect of the change from one release to the next on a policy that played the same seeds with both.
+
+    `effect` is `worse`, `better`, `equal within 5 points` or `cannot tell`. `values` are the share of `episodes` that
+    succeed, or the mean return, before and after. `difference`, its `interval` of 95 % and `least`, the smallest
+    difference that would be seen with a power of 80 %, are in points: of success, or hundredths of what the policy
+    gained over random actions when it was made. `moved_starts` counts episodes that start elsewhere under their seed,
+    `identical` is whether all are the same to the bit, `repeats` whether the first was the same when played again.
+    `moved` are the packages whose versions differ between the two cells.
+    """
+
+    matrix: str
+    case: str
+    axis: str
+    before: str
+    after: str
+    cells: tuple[str, str]
+    effect: str
+    measure: Literal["success", "return"]
+    episodes: int
+    values: tuple[float, float]
+    difference: float
+    interval: tuple[float, float]
+    least: float
+    moved_starts: int
+    identical: bool
+    repeats: bool
+    moved: dict[str, tuple[str | None, str | None]]
+    text: str
+
+
 class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
     """One environment tried. `reasons` and `masked` say per check why it ended so, and what hid that.
 
@@ -402,3 +433,4 @@ class Document(msgspec.Struct, frozen=True, kw_only=True):
     probes: dict[str, str] = {}
     boundaries: tuple[BoundaryEntry, ...] | msgspec.UnsetType = msgspec.UNSET
     pictures: tuple[PicturesEntry, ...] | msgspec.UnsetType = msgspec.UNSET
+    consequences: tuple[ConsequenceEntry, ...] | msgspec.UnsetType = msgspec.UNSET

@@ -26,13 +26,10 @@ LAST_LINES = 12_000
 PICTURE, ARRAYS = ".png", ".npz"
 """Endings of the files of a run that are not text: they are read on demand."""
 
-MAKE_BANK, STEP, DRAW = "behave.bank", "behave.steps", "behave.pixels"
-"""The checks that make a bank of states, that step from one, and that draw states of one."""
+GIVEN, OUTPUTS, BANK, PIXELS, PLAYED = "given.npz", "outputs.npz", "bank.npz", "pixels.npz", "played.npz"
+"""The bank of states that a probe is given, what they led to, a bank that it made, what it drew, and what it played.
 
-GIVEN, OUTPUTS, BANK, PIXELS = "given.npz", "outputs.npz", "bank.npz", "pixels.npz"
-"""The bank of states that a probe is given, what they led to, a bank that it made, and what was drawn of the states.
-
-See `incell/cell_arrays.py` and `incell/check_behave_pixels.py`.
+See `incell/cell_arrays.py`, `incell/check_behave_pixels.py` and `incell/check_behave_policy.py`.
 """
 
 SHORT_NAME = 16

@@ -13,17 +13,17 @@ from harness.machine import process
 from harness.machine.store import now
 from harness.model import Outcome
 from harness.model.hostile_data import Unreadable
+from harness.model.vocabulary import DRAW, STEP
 from harness.packages.environments import bytecode
 from harness.probes import array_files, bare_start, launch, program, thumbnails
 from harness.probes.evidence import (
     BANK,
-    DRAW,
     GIVEN,
     OUTPUTS,
     PICTURE,
     PIXELS,
+    PLAYED,
     REPLY,
-    STEP,
     Host,
     ProbeRun,
     Request,
@@ -154,7 +154,7 @@ def _texts(ran: launch.ProbeResult, clean: _Cleaner) -> Iterator[tuple[str, byte
 def _arrays(ran: launch.ProbeResult) -> dict[str, bytes]:
     """Return the arrays that the probe left, in a form that is equal for equal arrays; none that cannot be read."""
     arrays = {}
-    for name in (OUTPUTS, BANK, PIXELS):
+    for name in (OUTPUTS, BANK, PIXELS, PLAYED):
         with suppress(Unreadable):
             content = ran.left.head(name, array_files.MOST_BYTES + 1)
             arrays[name] = array_files.encode(array_files.decode(content))

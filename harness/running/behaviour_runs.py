@@ -11,10 +11,10 @@ from harness.judging.assess import assess
 from harness.machine.store import Store
 from harness.model import Case, CaseRecord, Cell, Phase
 from harness.model.errors import BadInput, CouldNotTell
-from harness.model.vocabulary import IMPORT_CHECK
+from harness.model.vocabulary import DRAW, IMPORT_CHECK, MAKE_BANK, PLAY, STEP
 from harness.physics.outputs import Bank
 from harness.probes import array_files
-from harness.probes.evidence import BANK, DRAW, MAKE_BANK, OUTPUTS, PIXELS, STEP
+from harness.probes.evidence import BANK, OUTPUTS, PIXELS, PLAYED
 from harness.probes.vault import MOST_FILE, Vault
 from harness.running.scheduler import Observer, Runner, Settings
 
@@ -41,6 +41,12 @@ def draw_states(
     wanted = _only(cell, replace(case, bank=bank, checks=(IMPORT_CHECK, DRAW)))
     arrays, record = _measure(wanted, PIXELS, opened, settings, observer)
     return arrays, tuple(frame for phase in record.phases for frame in phase.frames)
+
+
+def play(cell: Cell, case: Case, opened: Store, settings: Settings, observer: Observer) -> dict[str, NDArray[Any]]:
+    """Return the episodes that the policy of a case plays in a cell."""
+    wanted = _only(cell, replace(case, bank=None, checks=(IMPORT_CHECK, PLAY)))
+    return _measure(wanted, PLAYED, opened, settings, observer)[0]
 
 
 def stepping_cell(cell: Cell, case: Case, bank: str) -> Cell:

@@ -13,9 +13,9 @@ import msgspec
 
 from harness.model import CellRecord, Plan
 from harness.model.report_types import Document, PictureBoundaryEntry, PictureDifferenceEntry, PicturesEntry
+from harness.model.vocabulary import DRAW
 from harness.physics import families, pixels
 from harness.physics.pixels import Drawings, Look, PixelComparison
-from harness.probes.evidence import DRAW
 from harness.probes.vault import Vault
 from harness.reports.pictures import stored_pictures
 

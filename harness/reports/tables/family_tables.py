@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal, TypeVar
 
-from harness.model.report_types import BoundaryEntry, CellEntry
+from harness.model.report_types import BoundaryEntry, CellEntry, ConsequenceEntry
 from harness.physics.families import release_order
 from harness.physics.relation import STARTS
 
@@ -196,3 +196,18 @@ def _change(group: list[BoundaryEntry]) -> Change:
         cells=first.cells,
         changelog=first.changelog,
     )
+
+
+def consequence_lines(entries: Iterable[ConsequenceEntry]) -> tuple[tuple[str, str], ...]:
+    """Return each task and step between two releases, with the effect on a policy; tasks in their order."""
+    return tuple((f"{one.case}, {_step_title(one)}", one.text) for one in entries)
+
+
+def _step_title(entry: ConsequenceEntry) -> str:
+    """Return the package that moved with both versions, and what moved besides; the releases if nothing moved."""
+    moved = sorted(entry.moved, key=lambda name: (name not in entry.before, name != entry.axis, name))
+    if not moved:
+        return f"{entry.axis} {entry.before} to {entry.after}"
+    before, after = entry.moved[moved[0]]
+    others = f" (and {', '.join(moved[1:])})" if moved[1:] else ""
+    return f"{moved[0]} {before or 'absent'} to {after or 'absent'}{others}"

@@ -265,6 +265,7 @@ class Sheet:
     families: tuple[FamilyTable, ...] = ()
     behaviour: tuple[Change, ...] = ()
     pictures: tuple[PicturesEntry, ...] = ()
+    consequences: tuple[tuple[str, str], ...] = ()
     left_out: int = 0
 
 

@@ -99,6 +99,7 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
         families=family_tables.tables(main, matrix.axes, boundaries),
         behaviour=family_tables.changes(boundaries),
         pictures=tuple(one for one in document.pictures or () if one.matrix == name),
+        consequences=family_tables.consequence_lines(one for one in document.consequences or () if one.matrix == name),
         drawing=_grouped((text, about, cell.id) for cell in cells for about, text in _drawing(cell)),
         repairs=_grouped((_repaired(one), str(one.link), cell.id) for cell in cells for one in cell.repairs),
     )

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from harness.ci import first_cases
-from harness.model.vocabulary import APIS, CHECKS, INCELL
+from harness.model.vocabulary import APIS, CHECKS, INCELL, MAKE_BANK
 from harness.probes import program, wire
-from harness.probes.evidence import MAKE_BANK
 
 FOLLOWERS = tuple(name for names in wire.FOLLOWERS.values() for name in names)
 ALL = (*CHECKS, *FOLLOWERS, "single.repeat", first_cases.LISTING, MAKE_BANK)
