@@ -59,6 +59,7 @@ def drawn_states(vault: Vault, level: int = GREY, unrepeated: Sequence[int] = ()
 
 
 def stored(vault: Vault, files: dict[str, bytes]) -> CaseRecord:
+    """Return a case whose only run left these files."""
     run = ProbeRun(
         request=Request(), program={}, end=GOOD, host=HERE, files=keep_files(vault, files), measured=GENERATED
     )
