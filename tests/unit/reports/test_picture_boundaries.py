@@ -31,9 +31,9 @@ def frame(level: int) -> bytes:
     """Return a small picture of one grey, as it is kept."""
     array = io.BytesIO()
     np.save(array, np.full((96, 96, 3), level, np.uint8))
-    kept_frame = thumbnails.thumbnail(array.getvalue())
-    assert kept_frame
-    return kept_frame
+    small_frame = thumbnails.thumbnail(array.getvalue())
+    assert small_frame
+    return small_frame
 
 
 def drawn(vault: Vault, level: int = GREY, camera: dict[str, Any] | None = None, start: float = 1.5) -> CaseRecord:
@@ -47,7 +47,7 @@ def drawn(vault: Vault, level: int = GREY, camera: dict[str, Any] | None = None,
         Check(name="single.loop", facts={"trajectory": ["0" * 12], "values": values}),
         Check(name="render.rgb_array", facts={"pictures": {"first": picture}, "gl": {"renderer": "soft"}}),
     ]
-    return _kept(vault, {REPLY: lines(checks), "render.rgb_array-first.png": frame(level)})
+    return stored(vault, {REPLY: lines(checks), "render.rgb_array-first.png": frame(level)})
 
 
 def drawn_states(vault: Vault, level: int = GREY, unrepeated: Sequence[int] = ()) -> CaseRecord:
@@ -55,10 +55,11 @@ def drawn_states(vault: Vault, level: int = GREY, unrepeated: Sequence[int] = ()
     states = [{"state": number, "shape": [96, 96, 3], "drawings": 1, "camera": EYE} for number in (0, 60)]
     facts = {"drawn": states, "unrepeated": unrepeated, "gl": {}, "form": 1}
     arrays = {"digest": np.full((2, 32), level, np.uint8), "small": np.full((2, 48, 48, 3), level, np.uint8)}
-    return _kept(vault, {PIXELS: array_files.encode(array_files.with_facts(arrays, facts)), GIVEN: b"a bank"})
+    return stored(vault, {PIXELS: array_files.encode(array_files.with_facts(arrays, facts)), GIVEN: b"a bank"})
 
 
-def _kept(vault: Vault, files: dict[str, bytes]) -> CaseRecord:
+def stored(vault: Vault, files: dict[str, bytes]) -> CaseRecord:
+    """Return a case whose only run left these files."""
     run = ProbeRun(
         request=Request(), program={}, end=GOOD, host=HERE, files=keep_files(vault, files), measured=GENERATED
     )
@@ -156,12 +157,12 @@ def test_drawn_states_go_before_starts_and_have_to_repeat(vault: Vault) -> None:
 
 def test_evidence_that_cannot_be_read_is_no_picture(vault: Vault) -> None:
     """A damaged file, facts of another shape and a missing frame compare with nothing, and raise nothing."""
-    damaged = _kept(vault, {PIXELS: b"PK no zip", GIVEN: b"a bank"})
-    shapeless = _kept(vault, {PIXELS: array_files.encode(array_files.with_facts({}, {"drawn": 7})), GIVEN: b"a bank"})
+    damaged = stored(vault, {PIXELS: b"PK no zip", GIVEN: b"a bank"})
+    shapeless = stored(vault, {PIXELS: array_files.encode(array_files.with_facts({}, {"drawn": 7})), GIVEN: b"a bank"})
     assert pictures(vault, measured("1.3.0", damaged), measured("1.4.0", shapeless)) == ()
     facts = {"drawn": [{"state": 0, "shape": [9, 9, 3], "drawings": 1, "camera": None}], "unrepeated": [], "gl": {}}
     flat = {"digest": np.zeros((1, 32), np.uint8), "small": np.zeros((1, 9), np.uint8)}
     content = array_files.encode(array_files.with_facts(flat, {**facts, "form": 1}))
     assert (
-        pictures(vault, *[measured(one, _kept(vault, {PIXELS: content, GIVEN: b""})) for one in ("1.0", "2.0")]) == ()
+        pictures(vault, *[measured(one, stored(vault, {PIXELS: content, GIVEN: b""})) for one in ("1.0", "2.0")]) == ()
     )
