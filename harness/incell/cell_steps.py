@@ -73,7 +73,7 @@ class Stepper:
             "observation_precision": precision_of(observation),
         }
         if physics.stages:
-            facts["model"] = physics.stages.model_sums()
+            facts["model"] = physics.model_sums()
             facts["starts"] = physics.stages.names_of_starts(physics.substeps)
             facts["geometries"] = physics.stages.geometries()
         return facts

@@ -161,9 +161,8 @@ def _members(packed: Packed, state: Path) -> dict[str, bytes]:
 
 
 def _task(case: CaseRecord) -> str:
-    """Return the environment of a case without its version: versions of a task share most of their arrays."""
-    env = case.env or case.case
-    return env.rpartition("-v")[0] or env
+    """Return the id of a case without the version of its environment: versions of a task share most arrays."""
+    return case.case.rpartition("-v")[0] or case.case
 
 
 def _logs(record: CellRecord, state: Path) -> dict[str, bytes]:
