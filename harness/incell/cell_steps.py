@@ -151,7 +151,7 @@ class Stepper:
 
     def _control(self, state, action):
         """Return the controls that an environment makes of an action, as seen after a step with it."""
-        return action if np.shape(action) == self.physics.data.ctrl.shape else state["ctrl"]
+        return action if np.shape(action) == self.physics.data.ctrl.shape else state.get("ctrl", np.zeros(0))
 
 
 def state_of(bank, number):

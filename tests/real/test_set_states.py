@@ -22,9 +22,10 @@ SITES = {
 }
 PEG = ("metaworld", "Meta-World/MT1", {"env_name": "peg-insert-side-v3", "seed": 1})
 PICK = ("gymnasium_robotics", "FetchPickAndPlace-v4", {})
+REACH = ("gymnasium_robotics", "FetchReach-v4", {})
 DOOR = ("gymnasium_robotics", "AdroitHandDoor-v1", {})
 KITCHEN = ("gymnasium_robotics", "FrankaKitchen-v1", {})
-NAMES = {"peg": PEG, "pick": PICK, "door": DOOR, "kitchen": KITCHEN}
+NAMES = {"peg": PEG, "pick": PICK, "reach": REACH, "door": DOOR, "kitchen": KITCHEN}
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +86,7 @@ def test_a_door_that_a_reset_places_is_placed_by_the_state(seen: Callable[[str],
     assert (result["task"], result["places"], result["other_task"]) == ([], 1, True)
 
 
-@pytest.mark.parametrize(("name", "grasps"), [("peg", 8), ("pick", 8), ("kitchen", 8), ("door", 0)])
+@pytest.mark.parametrize(("name", "grasps"), [("peg", 8), ("pick", 8), ("kitchen", 8), ("reach", 0), ("door", 0)])
 def test_both_fingers_touch_what_a_grasp_holds(seen: Callable[[str], dict[str, Any]], name: str, grasps: int) -> None:
     """A fifth of the states are grasps where the model has a gripper and a free body, and none is elsewhere."""
     result = seen(name)

@@ -96,8 +96,8 @@ def call_by_ids(
     counts = [Counter(case.env for case in cell.cases) for cell in cells]
     shared = {env for count in counts for env in count if env and count[env] > 1}
 
-    def called(one: N) -> N:
-        return msgspec.structs.replace(one, env=one.case) if one.env in shared else one
+    def called(entry: N) -> N:
+        return msgspec.structs.replace(entry, env=entry.case) if entry.env in shared else entry
 
     renamed = tuple(msgspec.structs.replace(cell, cases=tuple(map(called, cell.cases))) for cell in cells)
     return renamed, tuple(map(called, boundaries))
