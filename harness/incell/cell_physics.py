@@ -5,8 +5,10 @@ import sys
 import numpy as np
 
 from .cell_action_space import action_space_of
+from .cell_bullet_physics import BulletPhysics, bullet_of
 from .cell_errors import library
 from .cell_flat import flat
+from .cell_functional_physics import functional_physics_of
 from .cell_simulations import simulation_of
 from .cell_sketch import Stages
 
@@ -19,11 +21,17 @@ EXACT_ITERATIONS = (1, 3, 100)
 
 def physics_of(env):
     """Return the physics of an opened environment, which was reset; of one whose state cannot be set, seeded runs."""
+    functional = functional_physics_of(env)
+    if functional is not None:
+        return functional
     raw = getattr(env.raw, "unwrapped", env.raw)
     model, data, step, substeps, unset = simulation_of(raw)
     mujoco = sys.modules.get("mujoco")
     if hasattr(mujoco, "MjModel") and isinstance(model, mujoco.MjModel):
         return MujocoPhysics(mujoco, model, data, step, substeps, unset)
+    client = bullet_of(raw)
+    if client is not None:
+        return BulletPhysics(raw, client)
     if isinstance(getattr(raw, "state", None), (tuple, list, np.ndarray)):
         return AttributePhysics(raw)
     return SeededPhysics(env)
