@@ -75,7 +75,7 @@ class BulletPhysics:
             client.resetBasePositionAndOrientation(body, (0, 0, APART * (number + 1)), (0, 0, 0, 1))
         for pair in self.pairs:
             client.resetJointState(*pair, 0.0, 0.0)
-        client.stepSimulation()  # releases before 2.7 cannot detect contacts without a step
+        client.stepSimulation()  # early releases cannot detect contacts without a step
         for body, pose in self.stands.items():
             client.resetBasePositionAndOrientation(body, *pose)
 
