@@ -5,8 +5,10 @@ import sys
 import numpy as np
 
 from .cell_action_space import action_space_of
+from .cell_bullet_physics import BulletPhysics, bullet_of
 from .cell_errors import library
 from .cell_flat import flat
+from .cell_functional_physics import functional_physics_of
 from .cell_simulations import simulation_of
 from .cell_sketch import Stages
 
@@ -22,11 +24,17 @@ Newton's method ends within some ten iterations; what more of them change is rou
 
 def physics_of(env):
     """Return the physics of an opened environment, which was reset; of one whose state cannot be set, seeded runs."""
+    functional = functional_physics_of(env)
+    if functional is not None:
+        return functional
     raw = getattr(env.raw, "unwrapped", env.raw)
     simulation = simulation_of(env, raw)
     mujoco = sys.modules.get("mujoco")
     if hasattr(mujoco, "MjModel") and isinstance(simulation.model, mujoco.MjModel):
         return MujocoPhysics(mujoco, simulation)
+    client = bullet_of(raw)
+    if client is not None:
+        return BulletPhysics(raw, client)
     if isinstance(getattr(raw, "state", None), (tuple, list, np.ndarray)):
         return AttributePhysics(raw)
     return SeededPhysics(env)

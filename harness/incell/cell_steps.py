@@ -9,7 +9,7 @@ from .cell_errors import library
 from .cell_flat import flat, precision_of
 
 TWINS, EXACT_TWINS = 16, 4
-CONTACT_TWINS, LARGE_NOISE = 199, 1e-9
+CONTACT_TWINS, LARGE_NOISE = 199, {"float64": 1e-9, "float32": 1e-3}
 """Twins of a state near the making or breaking of a contact: twins end in other contacts, or far from each other."""
 
 LAST_BITS, SMALL = 4e-16, 1e-3
@@ -21,7 +21,7 @@ MOVED_ACTIONS, UNMOVED = ("action", "state.past"), ("state.time", "state.seed", 
 """Parts of a state that a twin moves unless they are choices, and parts that it never moves."""
 
 REPEATED = 30
-"""States that are stepped from once more at the end, in the other order."""
+"""States, of all kinds, that are stepped from once more at the end, in the other order."""
 
 
 class Stepper:
@@ -39,10 +39,11 @@ class Stepper:
         for number in range(len(bank["action"])):
             rows.append(self._row(bank, number, keys, pairs))
         outputs = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-        repeated = [self._row(bank, number, keys, pairs) for number in reversed(range(min(REPEATED, len(rows))))]
+        numbers = range(0, len(rows), max(1, len(rows) // REPEATED))
+        repeated = {number: self._row(bank, number, keys, pairs) for number in reversed(numbers)}
         unlike = {
             name
-            for number, again in zip(reversed(range(len(repeated))), repeated)
+            for number, again in repeated.items()
             for name in again
             if np.asarray(again[name]).tobytes() != outputs[name][number].tobytes()
         }
@@ -207,7 +208,7 @@ def noise(stepper, bank, outputs, seed):
             for name, errors in worst.items():
                 if name in row:
                     errors[number] = max(errors[number], gap(row[name], outputs[name][number], size[name]))
-            near_contact = near_contact or worst["state"][number] > LARGE_NOISE
+            near_contact = near_contact or worst["state"][number] > LARGE_NOISE[physics.precision.name]
             turn += 1
     return worst
 
