@@ -29,6 +29,7 @@ class BulletPhysics:
     method = "state"
     unset = ("contact caches", "targets of motors", "what the environment keeps but for its potential")
     warm_starts = False
+    pure = False
     stages = None
     precision = np.dtype(float)
 

@@ -20,6 +20,7 @@ class FunctionalPhysics:
 
     method = "state"
     warm_starts = False
+    pure = True
     stages = None
     precision = np.dtype(np.float32)
     unset = ()

@@ -54,6 +54,7 @@ class SeededPhysics:
     parts = ("seed", "count", "past")
     unset = ("all but the seed and the actions since the reset",)
     warm_starts = False
+    pure = False
     stages = None
     precision = np.dtype(float)
 
@@ -96,6 +97,7 @@ class AttributePhysics:
     parts = ("state",)
     unset = ()
     warm_starts = False
+    pure = False
     stages = None
 
     def __init__(self, raw):
@@ -131,6 +133,7 @@ class MujocoPhysics:
 
     method = "state"
     warm_starts = True
+    pure = False
     precision = np.dtype(float)
 
     def __init__(self, mujoco, simulation):
