@@ -21,7 +21,7 @@ checks = ["import", "single.loop"]
 BULLET = HEAD.format(
     requires="gymnasium",
     name="fake-bullet",
-    versions='"1.0", "2.0", "3.0"',
+    versions='"1.0", "2.0", "3.0", "4.0"',
     env="fake_bullet:Slide-v0",
     api="gymnasium",
 )
@@ -61,6 +61,11 @@ def test_states_of_every_kind_are_repeated(desk: Desk) -> None:
     assert freeze(desk, BULLET, "fake-bullet-3.0")["repeats"] is False
     code, text = check(desk, "fake-bullet-3.0")
     assert (code, "does not repeat itself from the same state" in text) == (3, True)
+
+
+def test_a_copy_that_moves_otherwise_is_found_out(desk: Desk) -> None:
+    """What an environment keeps beside its state repeats in itself, and is another in the next copy of it."""
+    assert freeze(desk, BULLET, "fake-bullet-4.0")["unrepeated"] == ["observation", "reward", "state"]
 
 
 @pytest.mark.parametrize(

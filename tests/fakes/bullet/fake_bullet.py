@@ -7,7 +7,11 @@ FLOOR, BALL = 0, 1
 
 
 class Client:
+    made = 0
+
     def __init__(self):
+        self.order = Client.made if "@VERSION@" == "4.0" else 0
+        Client.made += 1
         self.bases = {FLOOR: ((0.0, 0.0, 0.0), STILL), BALL: ((0.0, 0.0, 0.0), STILL)}
         self.place, self.speed, self.push, self.kept = 0.3, 0.0, 0.0, 0.0
         self.steps = 0
@@ -53,7 +57,7 @@ class Client:
         self.steps += 1
         if "@VERSION@" == "3.0" and self.depth() > 0.15:
             self.kept += self.steps
-        self.speed += 0.01 * (self.push + self.kept - GRAVITY)
+        self.speed += 0.01 * (self.push + self.kept - GRAVITY - 1e-3 * self.order)
         self.place += 0.01 * self.speed
 
 
