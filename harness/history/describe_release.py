@@ -1,0 +1,72 @@
+"""Import an unpacked release and print what only running tells: `python -B describe_release.py FOLDER MODULE...`.
+
+Runs in any Python from 3.6 on, with what the release needs at hand. Prints one JSON document: `names` of modules,
+`members` of classes, `environments` that are registered, `schema` of MuJoCo's files, `failed` imports with their error.
+"""
+
+import importlib
+import json
+import re
+import sys
+
+
+def main(folder, modules):
+    """Print the document on the original standard output; whatever the packages print goes to standard error."""
+    out, sys.stdout = sys.stdout, sys.stderr
+    sys.path.insert(0, folder)
+    told = {"names": {}, "members": {}, "environments": None, "schema": None, "failed": {}}
+    for name in modules:
+        try:
+            module = importlib.import_module(name)
+        except BaseException as error:
+            told["failed"][name] = "{}: {}".format(type(error).__name__, error)[:200]
+            continue
+        public = [one for one in dir(module) if not one.startswith("_")]
+        told["names"][name] = [one for one in public if not _foreign(module, one)]
+        for one in public:
+            value = getattr(module, one, None)
+            if isinstance(value, type) and str(value.__module__).partition(".")[0] == name.partition(".")[0]:
+                members = sorted(member for member in dir(value) if not member.startswith("_"))
+                told["members"]["{}.{}".format(value.__module__, value.__qualname__)] = members
+                told["members"]["{}.{}".format(name, one)] = members
+    told["environments"] = _environments()
+    told["schema"] = _schema()
+    out.write(json.dumps(told, sort_keys=True))
+
+
+def _foreign(module, name):
+    """Return whether a name is a module of another package."""
+    value = getattr(module, name, None)
+    top = getattr(value, "__name__", "").partition(".")[0]
+    return isinstance(value, type(sys)) and top != module.__name__.partition(".")[0]
+
+
+def _environments():
+    """Return the ids that are registered with gym or gymnasium; None where neither was imported."""
+    for library in ("gymnasium", "gym"):
+        registration = sys.modules.get(library + ".envs.registration")
+        registry = getattr(registration, "registry", None)
+        if registry is not None:
+            specs = getattr(registry, "env_specs", registry)
+            return sorted(map(str, specs))
+    return None
+
+
+def _schema():
+    """Return `path attribute` of each attribute that MuJoCo's files may have, and each path; None without MuJoCo."""
+    mujoco = sys.modules.get("mujoco")
+    if not hasattr(mujoco, "mj_printSchema"):
+        return None
+    found, path = set(), []
+    for line in mujoco.mj_printSchema(False, False).splitlines():
+        match = re.match(r"( *)(\w+) \([^)]+\)(.*)", line)
+        if match:
+            path[len(match.group(1)) // 3 :] = [match.group(2)]
+            found.add("/".join(path))
+        for attribute in (match.group(3) if match else line).split():
+            found.add("/".join(path) + " " + attribute)
+    return sorted(found)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2:])

@@ -1,0 +1,200 @@
+"""Read every release of the packages in `matrices/history.toml`: `python -m harness.history.making [NAME...]`.
+
+What was read of a file is kept below the cache folder, so that a second call reads new releases alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from packaging.specifiers import InvalidSpecifier, SpecifierSet
+from packaging.version import Version
+
+from harness.history import describe_release, release_reader
+from harness.history.api_history import MeasuredRelease, ReleaseEntry, encode, fold
+from harness.history.release_reader import ReleaseFacts
+from harness.machine import interpreters
+from harness.machine.store import cache_folder, digest, write_atomic
+from harness.model import Artifact, Interpreter
+from harness.model.errors import HarnessError
+from harness.packages import index
+
+ROOT = Path(__file__).parents[2]
+PLAN = ROOT / "matrices" / "history.toml"
+OUT = ROOT / "matrices" / "history"
+SECONDS = 120
+"""The time that the import of one release may take."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PackagePlan:
+    """A package to read: its top-level modules, and those to import."""
+
+    name: str
+    imports: tuple[str, ...]
+    run: tuple[str, ...]
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Read the packages and write their histories."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="the packages [all of them]")
+    args = parser.parse_args(arguments)
+    plan = tomllib.loads(PLAN.read_text(encoding="utf-8"))
+    OUT.mkdir(exist_ok=True)
+    for name, wanted in plan["packages"].items():
+        if args.names and name not in args.names:
+            continue
+        package = PackagePlan(name=name, imports=tuple(wanted["imports"]), run=tuple(wanted.get("run", ())))
+        history = encode(fold(name, [*_releases(package, plan["helpers"])]))
+        write_atomic(OUT / f"{name}.json.gz", history)
+        print(f"{name}: {len(history):,} bytes", flush=True)
+
+
+def _releases(package: PackagePlan, helpers: list[str]) -> Iterator[MeasuredRelease]:
+    files = index.artifacts(package.name)
+    for release in index.releases(package.name):
+        tags = sorted({_tag(wheel) for wheel in release.wheels})
+        entry = ReleaseEntry(
+            version=release.version,
+            uploaded=release.uploaded,
+            python=release.requires_python,
+            wheels=tuple(tags),
+            sdist=release.sdist,
+            yanked=release.yanked,
+        )
+        chosen = None if Version(release.version).is_prerelease else _choice(files.get(release.version, ()), entry)
+        if chosen is None:
+            yield MeasuredRelease(entry=entry)
+            continue
+        try:
+            document = _read(package, *chosen, helpers)
+        except (HarnessError, OSError, ValueError) as error:
+            print(f"{package.name} {release.version}: not read: {error}", file=sys.stderr, flush=True)
+            yield MeasuredRelease(entry=entry)
+            continue
+        yield _measured(entry, document)
+
+
+def _tag(wheel: str) -> str:
+    return "-".join(wheel.removesuffix(".whl").rsplit("-", 3)[1:])
+
+
+def _choice(files: tuple[Artifact, ...], entry: ReleaseEntry) -> tuple[Artifact, Interpreter | None] | None:
+    """Return the file to read, and a Python of this machine that can import it: a wheel rather than an sdist."""
+    pythons = [one for one in interpreters.available() if _admits(entry.python, one.version)]
+    for python in sorted(pythons, key=lambda one: Version(one.version), reverse=True):
+        short = "".join(python.version.split(".")[:2])
+        fitting = (rf"-(py3|py2\.py3|py3\d|cp{short}|cp3\d-abi3)-", "-(any|[^-]*linux[^-]*_x86_64)\\.whl$")
+        for file in files:
+            if file.is_wheel and all(re.search(part, file.filename) for part in fitting):
+                return file, python
+    sdists = [file for file in files if not file.is_wheel and file.filename.endswith((".tar.gz", ".zip"))]
+    return (sdists[0], _near(pythons, entry)) if sdists else None
+
+
+def _near(pythons: list[Interpreter], entry: ReleaseEntry) -> Interpreter | None:
+    """Return the Python that most of its time used, for a source that does not say: the oldest before 2022."""
+    ordered = sorted(pythons, key=lambda one: Version(one.version))
+    if not ordered:
+        return None
+    return ordered[0] if (entry.uploaded or "") < "2022" else ordered[len(ordered) // 2]
+
+
+def _admits(requires: str | None, version: str) -> bool:
+    try:
+        return Version("3.7") <= Version(version) and SpecifierSet(requires or "").contains(version)
+    except InvalidSpecifier:
+        return True
+
+
+# --- one release -----------------------------------------------------------------------------------------------
+
+
+class ReleaseDocument(msgspec.Struct, frozen=True, kw_only=True):
+    """What was read of one file, and what importing it told."""
+
+    facts: ReleaseFacts
+    told: dict[str, Any] | None = None
+
+
+def _read(package: PackagePlan, artifact: Artifact, python: Interpreter | None, helpers: list[str]) -> ReleaseDocument:
+    programs = [Path(one.__file__ or "").read_text(encoding="utf-8") for one in (release_reader, describe_release)]
+    key = digest(artifact.sha256, package.imports, package.run, python.version if python else "", *programs)
+    kept = cache_folder() / "history" / f"{key}.json"
+    if kept.is_file():
+        return msgspec.json.decode(kept.read_bytes(), type=ReleaseDocument)
+    with tempfile.TemporaryDirectory() as scratch:
+        archive = index.fetch(artifact, Path(scratch) / "file")
+        folder = Path(scratch) / "release"
+        release_reader.unpack(archive, folder)
+        facts = release_reader.read(folder, package.imports)
+        told = _run(folder, package.run, python, helpers) if package.run and python else None
+    document = ReleaseDocument(facts=facts, told=told)
+    kept.parent.mkdir(exist_ok=True)
+    write_atomic(kept, msgspec.json.encode(document))
+    failed = {**facts.failed, **((told or {}).get("failed") or {})}
+    print(f"{package.name}: {artifact.filename}{f' {failed}' if failed else ''}", file=sys.stderr, flush=True)
+    return document
+
+
+def _run(folder: Path, modules: tuple[str, ...], python: Interpreter, helpers: list[str]) -> dict[str, Any] | None:
+    home = _helpers(python, helpers, numpy="numpy" not in modules)
+    program = Path(describe_release.__file__ or "")
+    source = folder / "src" if (folder / "src").is_dir() else folder
+    command = [str(home / "bin" / "python"), "-B", "-W", "ignore", str(program), str(source), *modules]
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=SECONDS, check=False, cwd=folder)
+    except subprocess.TimeoutExpired:
+        return None
+    try:
+        told: dict[str, Any] = msgspec.json.decode(done.stdout)
+    except msgspec.DecodeError:
+        return None
+    return told
+
+
+def _helpers(python: Interpreter, helpers: list[str], *, numpy: bool) -> Path:
+    """Return an environment that has what releases need to be imported."""
+    wanted = [*helpers, "numpy<1.24"] if numpy else [one for one in helpers if not one.startswith(("scipy", "imageio"))]
+    home = cache_folder() / "history" / f"python-{digest(python.version, wanted)[:16]}"
+    if not (home / "done").exists():
+        minor = Version(python.version).minor
+        if minor >= 12:
+            wanted = [one.replace("numpy<1.24", "numpy").replace("setuptools<66", "setuptools") for one in wanted]
+        subprocess.run(["uv", "venv", "-q", "--clear", "-p", python.path, str(home)], check=True)
+        command = ["uv", "pip", "install", "-q", "--only-binary", ":all:", "-p", str(home / "bin" / "python")]
+        subprocess.run([*command, *wanted], check=True)
+        (home / "done").touch()
+    return home
+
+
+def _measured(entry: ReleaseEntry, document: ReleaseDocument) -> MeasuredRelease:
+    told = document.told or {}
+    ran = None
+    if told.get("names"):
+        names = {name: tuple(one) for name, one in told["names"].items()}
+        members = {name: tuple(one) for name, one in told["members"].items()}
+        ran = ReleaseFacts(names=names, members=members)
+    environments, schema = told.get("environments"), told.get("schema")
+    return MeasuredRelease(
+        entry=msgspec.structs.replace(entry, read=True),
+        facts=document.facts,
+        ran=ran,
+        environments=tuple(environments) if environments else None,
+        schema=tuple(schema) if schema else None,
+    )
+
+
+if __name__ == "__main__":
+    main()
