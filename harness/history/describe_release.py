@@ -8,18 +8,19 @@ import importlib
 import json
 import re
 import sys
+from typing import Any, Dict, List, Optional, Sequence, Set
 
 
-def main(folder, modules):
+def main(folder: str, modules: Sequence[str]) -> None:
     """Print the document on the original standard output; whatever the packages print goes to standard error."""
     out, sys.stdout = sys.stdout, sys.stderr
     sys.path.insert(0, folder)
-    told = {"names": {}, "members": {}, "environments": None, "schema": None, "failed": {}}
+    told: Dict[str, Any] = {"names": {}, "members": {}, "environments": None, "schema": None, "failed": {}}
     for name in modules:
         try:
             module = importlib.import_module(name)
         except BaseException as error:
-            told["failed"][name] = "{}: {}".format(type(error).__name__, error)[:200]
+            told["failed"][name] = f"{type(error).__name__}: {error}"[:200]
             continue
         public = [one for one in dir(module) if not one.startswith("_")]
         told["names"][name] = [one for one in public if not _foreign(module, one)]
@@ -27,21 +28,21 @@ def main(folder, modules):
             value = getattr(module, one, None)
             if isinstance(value, type) and str(value.__module__).partition(".")[0] == name.partition(".")[0]:
                 members = sorted(member for member in dir(value) if not member.startswith("_"))
-                told["members"]["{}.{}".format(value.__module__, value.__qualname__)] = members
-                told["members"]["{}.{}".format(name, one)] = members
+                told["members"][f"{value.__module__}.{value.__qualname__}"] = members
+                told["members"][f"{name}.{one}"] = members
     told["environments"] = _environments()
     told["schema"] = _schema()
     out.write(json.dumps(told, sort_keys=True))
 
 
-def _foreign(module, name):
+def _foreign(module: Any, name: str) -> bool:
     """Return whether a name is a module of another package."""
     value = getattr(module, name, None)
     top = getattr(value, "__name__", "").partition(".")[0]
     return isinstance(value, type(sys)) and top != module.__name__.partition(".")[0]
 
 
-def _environments():
+def _environments() -> Optional[List[str]]:
     """Return the ids that are registered with gym or gymnasium; None where neither was imported."""
     for library in ("gymnasium", "gym"):
         registration = sys.modules.get(library + ".envs.registration")
@@ -52,12 +53,13 @@ def _environments():
     return None
 
 
-def _schema():
+def _schema() -> Optional[List[str]]:
     """Return `path attribute` of each attribute that MuJoCo's files may have, and each path; None without MuJoCo."""
-    mujoco = sys.modules.get("mujoco")
+    mujoco: Any = sys.modules.get("mujoco")
     if not hasattr(mujoco, "mj_printSchema"):
         return None
-    found, path = set(), []
+    found: Set[str] = set()
+    path: List[str] = []
     for line in mujoco.mj_printSchema(False, False).splitlines():
         match = re.match(r"( *)(\w+) \([^)]+\)(.*)", line)
         if match:

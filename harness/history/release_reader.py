@@ -125,7 +125,7 @@ def _read_package(
 ) -> None:
     import griffe  # noqa: PLC0415 - only the maker of the history needs it
 
-    module = griffe.load(
+    module: Any = griffe.load(
         top, search_paths=[root], allow_inspection=False, resolve_aliases=True, find_stubs_package=False
     )
     waiting = [module]

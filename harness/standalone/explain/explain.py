@@ -12,6 +12,7 @@ import tempfile
 from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple
 
 from .. import packages, wrapping
+from ..api_history import load_shipped
 from ..failures.matching import Signature
 from ..installing import installer
 from ..opening import open_file
@@ -216,7 +217,8 @@ def _find_packages(python: Optional[str], command: Sequence[str]) -> Optional[Pa
 
 def _gather_facts(around: Optional[Packages], knowledge: Knowledge) -> Facts:
     installed, python = (around.installed, around.version) if around and around.installed else (None, None)
-    return Facts(installed=installed, python=python, measured=knowledge.measured())
+    measured = knowledge.measured()
+    return Facts(installed=installed, python=python, measured=measured, history=load_shipped)
 
 
 def _temporary() -> str:

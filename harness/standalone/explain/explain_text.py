@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from ..api_history import Load, no_history
 from ..failures import matching
 from ..failures.counting import select_counting
 from ..failures.lines import MASKS, shorten_line
@@ -12,6 +13,7 @@ from ..failures.machine_trouble import SHORTAGES, UNREACHABLE
 from ..failures.matching import Around, Diagnosis, Evidence
 from ..requirements import requirement
 from ..versions import specifiers, unsatisfiable
+from .derived_causes import derive
 from .failure_text import Failure, read_failure
 from .version_hints import Hints, hints
 
@@ -41,7 +43,7 @@ class Facts(NamedTuple):
     """Facts known besides the text: the packages and the Python of an environment, and how a command ended.
 
     `requirements` are the requirements that a command line names. `failed` is whether it surely failed. `measured` is
-    the document of measured results.
+    the document of measured results, `history` returns the history of a package.
     """
 
     installed: Optional[Mapping[str, str]] = None
@@ -50,6 +52,7 @@ class Facts(NamedTuple):
     failed: bool = False
     signal: Optional[str] = None
     measured: Optional[Mapping[str, Any]] = None
+    history: Load = no_history
 
 
 NOTHING = Facts()
@@ -121,6 +124,11 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
     if not failure.failed and len(failure.text.split("\n", QUOTED)) > QUOTED:
         sure = could = []  # a log of what went well may mention what is known to fail
     hits, aside = _hits(sure, failure, killed)
+    if failure.failed:
+        # What a person wrote of a line comes first, where it is of the line that says why.
+        derived = derive(failure, text_hints, here.installed, here.history)
+        first = [hit for hit in hits if not hit.signature.generic and _where(hit, failure) is DECISIVE]
+        hits = (*first, *derived, *(hit for hit in hits if hit not in first))
     mentions = (MENTION.format(hit.seen, hit.signature.id) for hit in aside[:SHOWN])
     findings: List[Tuple[str, str, str]] = [("besides", NOTE, mention) for mention in mentions]
     if _deepest(hits) is None:

@@ -1,0 +1,235 @@
+"""Derive the cause of an error from the histories of packages: which release has the name that was asked for.
+
+Nothing is derived where no release has the name, where all have it, or where the release at hand has it: then the fault
+lies elsewhere, perhaps in the user's own code.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
+
+from ..api_history import Availability, History, Load, package_of
+from ..failures.matching import Diagnosis, Signature
+from .failure_text import Failure
+from .version_hints import Hints
+
+QUOTE = "[`'\"\u2018\u2019\u201c\u201d]"
+WORD = r"[A-Za-z_]\w*"
+DOTTED = r"[A-Za-z_][\w.]*"
+
+ATTRIBUTE = re.compile(
+    "AttributeError: (?:partially initialized )?module {0}({1}){0} has no attribute {0}({2}){0}".format(
+        QUOTE, DOTTED, WORD
+    )
+)
+IMPORTED = re.compile(
+    "ImportError: cannot import name {0}({2}){0} from (?:partially initialized module )?{0}({1}){0}".format(
+        QUOTE, DOTTED, WORD
+    )
+)
+MODULE = re.compile("ModuleNotFoundError: No module named {0}({1}){0}".format(QUOTE, DOTTED))
+MEMBER = re.compile(
+    "AttributeError: (?:type object )?{0}({1}){0} (?:object )?has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD)
+)
+ARGUMENT = re.compile(
+    r"TypeError: ({0})\(\) got an unexpected keyword argument {1}({2}){1}".format(DOTTED, QUOTE, WORD)
+)
+SCHEMA = re.compile(
+    r"XML Error: Schema violation: unrecognized (element|attribute)"
+    r"(?:: {0}?(\w+){0}?)?(?:\W+Element {0}(\w+){0})?".format(QUOTE)
+)
+ENVIRONMENT = re.compile(
+    "(?:Environment|No registered env with id:?|No registered environment with (?:name|id):?) ?"
+    "{0}?([\\w:./-]+-v\\d+){0}?".format(QUOTE)
+)
+FRAME = re.compile(r"site-packages[/\\](\w+)[/\\.]|dist-packages[/\\](\w+)[/\\.]")
+
+
+class Missing(NamedTuple):
+    """Something that was asked for and is not there: its name in words, and the package that would have it."""
+
+    line: str
+    what: str
+    availability: Availability
+
+
+def derive(failure: Failure, hints: Hints, installed: Optional[Mapping[str, str]], load: Load) -> List[Diagnosis]:
+    """Return the causes that the histories of packages give for the lines that say why something failed."""
+    versions = dict(hints.packages)
+    versions.update(installed or {})
+    found: Dict[str, Diagnosis] = {}
+    for line in failure.lines:
+        for missing in _missing(line, failure, versions, load):
+            diagnosis = _diagnosis(missing, failure)
+            found.setdefault(diagnosis.signature.id, diagnosis)
+    return list(found.values())
+
+
+def _missing(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Iterator[Missing]:
+    for rule in (_attribute, _module, _member, _argument, _schema, _environment):
+        for what, availability in rule(line, failure, versions, load):
+            if availability is not None:
+                yield Missing(line=line, what=what, availability=availability)
+                return
+
+
+Found = Iterator[Tuple[str, Optional[Availability]]]
+
+
+def _attribute(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Found:
+    attribute, imported = ATTRIBUTE.search(line), IMPORTED.search(line)
+    if attribute:
+        module, name = attribute.groups()
+    elif imported:
+        name, module = imported.groups()
+    else:
+        return
+    history = _history(module, load)
+    if history is None:
+        return
+    spans = history.spans("names", module, name) or history.spans("modules", "{}.{}".format(module, name))
+    yield "`{}.{}`".format(module, name), _where(history, spans, versions)
+
+
+def _module(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Found:
+    match = MODULE.search(line)
+    if match and "." in match.group(1):
+        history = _history(match.group(1), load)
+        if history is not None:
+            yield (
+                "the module `{}`".format(match.group(1)),
+                _where(history, history.spans("modules", match.group(1)), versions),
+            )
+
+
+def _member(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Found:
+    match = MEMBER.search(line)
+    if match is None:
+        return
+    owner, name = match.group(1).rpartition(".")[2], match.group(2)
+    for history in _spoken_of(failure, match.group(1), load):
+        paths = [path for path in history.plain.get("members", {}) if path.rpartition(".")[2] == owner]
+        having = [history.spans("members", path, name) for path in paths]
+        spans = max((one for one in having if one), key=len, default=None)
+        if spans and len(paths) <= 3:
+            yield "`{}.{}`".format(owner, name), _where(history, spans, versions)
+
+
+def _argument(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Found:
+    match = ARGUMENT.search(line)
+    if match is None or "." not in match.group(1):
+        return
+    function, name = match.groups()
+    for history in _spoken_of(failure, function, load):
+        for path, texts in history.plain.get("signatures", {}).items():
+            if path.endswith("." + function):
+                spans = [span[:2] for span in texts if _takes(span[2], name)]
+                yield (
+                    "the argument `{}` of `{}`".format(name, function),
+                    _where(history, spans, versions),
+                )
+
+
+def _takes(parameters: str, name: str) -> bool:
+    names = [one.strip("=") for one in parameters.split(", ")]
+    return name in names or any(one.startswith("**") for one in names)
+
+
+def _schema(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Found:
+    match = SCHEMA.search(failure.text if "Schema violation" in line else line)
+    history = load("mujoco") if match else None
+    if match is None or history is None:
+        return
+    kind, name, element = match.groups()
+    if kind == "attribute" and name and element:
+        entries = [key for key in history.plain.get("schema", {}) if key.endswith("/{} {}".format(element, name))]
+        what = "the attribute `{}` of the element `{}`".format(name, element)
+    else:
+        wanted = name or element
+        entries = [key for key in history.plain.get("schema", {}) if wanted and key.endswith("/{}".format(wanted))]
+        what = "the element `{}`".format(wanted)
+    places = sorted(
+        {
+            place
+            for key in entries
+            for span in history.spans("schema", key) or ()
+            for place in range(span[0], span[1] + 1)
+        }
+    )
+    yield what, _where(history, [(place, place) for place in places], versions, history.ran)
+
+
+def _environment(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Found:
+    match = ENVIRONMENT.search(line)
+    if match is None or not re.search("Error|Exception|NotFound|No registered", line):
+        return
+    name = match.group(1).rpartition(":")[2]
+    libraries = ("gymnasium", "gym") if "gymnasium" in failure.text else ("gym", "gymnasium")
+    for library in libraries:
+        history = load(library)
+        spans = history.spans("environments", name) if history else None
+        if history is not None and spans:
+            yield "the environment `{}`".format(name), _where(history, spans, versions, history.ran)
+
+
+# --- what is found ---------------------------------------------------------------------------------------------
+
+
+def _history(module: str, load: Load) -> Optional[History]:
+    package = package_of(module)
+    return load(package) if package else None
+
+
+def _spoken_of(failure: Failure, name: str, load: Load) -> Iterator[History]:
+    """Yield the histories of packages whose files stand in the traceback, the innermost first, or of a dotted name."""
+    tops = [name.partition(".")[0]] if "." in name else []
+    tops += [first or second for first, second in reversed(FRAME.findall(failure.region))]
+    for package in dict.fromkeys(filter(None, map(package_of, tops))):
+        history = load(package)
+        if history is not None:
+            yield history
+
+
+def _where(
+    history: History, spans: Any, versions: Mapping[str, str], among: Optional[List[int]] = None
+) -> Optional[Availability]:
+    return history.where(spans, versions.get(history.package), among)
+
+
+def _diagnosis(missing: Missing, failure: Failure) -> Diagnosis:
+    there = missing.availability
+    since = "since {}".format(there.first) if there.first else ""
+    until = "gone in {}".format(there.after) if there.after else ""
+    when = ", ".join(filter(None, (since, until)))
+    side = "newer" if there.too_new else "older"
+    cause = "{} is in {} {}: the one that is installed is {}{}".format(
+        missing.what, there.package, when, side, _asker(failure, there.package)
+    )
+    name = "derived:{}".format(there.package)
+    plain = {
+        "id": name,
+        "cause": cause,
+        "remedy": {"requirements": [there.bound]},
+        "derived": True,
+    }
+    signature = Signature(
+        plain=plain,
+        id=name,
+        phases=(),
+        pattern=re.escape(missing.line),
+        signal=None,
+        packages=((there.package,),),
+        python=None,
+        masks=False,
+        generic=False,
+        silent=False,
+    )
+    return Diagnosis(signature=signature, phase=None, seen=missing.line, is_reason=True)
+
+
+def _asker(failure: Failure, package: str) -> str:
+    """Return who asks for it, if it is another package."""
+    frames = [first or second for first, second in FRAME.findall(failure.region)]
+    asking = frames[-1] if frames else ""
+    return "; `{}` asks for it".format(asking) if asking and package_of(asking) != package else ""
