@@ -35,6 +35,9 @@ OF_IMPORT = {
 
 Spans = Sequence[Sequence[int]]
 
+OLD = "2020"
+"""What was there before is hardly missing because a release is older still, unless a text says which one it is."""
+
 
 class Availability(NamedTuple):
     """Where a name is to be had: versions from `first` to `last`; `bound` is a requirement that leads there.
@@ -85,6 +88,8 @@ class History:
             return None
         later = [place for place in known if place in having and (here is None or place > here)]
         too_new = max(known) not in having if here is None else not later
+        if here is None and not too_new and self._uploaded(later[0]) < OLD:
+            return None
         run = _last_run(having, known) if here is None or too_new else _first_run(later, having, known)
         first, last = run
         after = next((place for place in known if place > last), None)
@@ -103,6 +108,9 @@ class History:
             too_new=too_new,
             bound=bound,
         )
+
+    def _uploaded(self, place: int) -> str:
+        return str(self.plain["releases"][place].get("uploaded") or "")
 
     def _place(self, version: str, known: Sequence[int]) -> Optional[int]:
         """Return the place of a release, or of the newest one that is older and was read."""

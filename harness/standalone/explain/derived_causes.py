@@ -11,7 +11,9 @@ from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tup
 
 from ..api_history import Availability, History, Load, package_of
 from ..failures.matching import Diagnosis, Signature
+from . import missing_files
 from .failure_text import Failure
+from .missing_files import MissingFile
 from .version_hints import Hints
 
 QUOTE = "[`'\"\u2018\u2019\u201c\u201d]"
@@ -60,6 +62,9 @@ def derive(failure: Failure, hints: Hints, installed: Optional[Mapping[str, str]
     versions.update(installed or {})
     found: Dict[str, Diagnosis] = {}
     for line in failure.lines:
+        file = missing_files.find(line)
+        if file is not None:
+            found.setdefault(file.name, _of_file(line, file))
         for missing in _missing(line, failure, versions, load):
             diagnosis = _diagnosis(missing, failure)
             found.setdefault(diagnosis.signature.id, diagnosis)
@@ -199,33 +204,45 @@ def _where(
 
 def _diagnosis(missing: Missing, failure: Failure) -> Diagnosis:
     there = missing.availability
-    since = "since {}".format(there.first) if there.first else ""
-    until = "gone in {}".format(there.after) if there.after else ""
-    when = ", ".join(filter(None, (since, until)))
-    side = "newer" if there.too_new else "older"
-    cause = "{} is in {} {}: the one that is installed is {}{}".format(
-        missing.what, there.package, when, side, _asker(failure, there.package)
+    package = there.package
+    if there.after is None:
+        when = "{} has {} since {}".format(package, missing.what, there.first)
+    elif there.first is None:
+        when = "{} has {} no more since {}".format(package, missing.what, there.after)
+    else:
+        when = "{} has {} from {} to {}".format(package, missing.what, there.first, there.last)
+    cause = "{}; the one at hand is {}{}".format(
+        when, "newer" if there.too_new else "older", _asker(failure, there.package)
     )
-    name = "derived:{}".format(there.package)
-    plain = {
-        "id": name,
-        "cause": cause,
-        "remedy": {"requirements": [there.bound]},
-        "derived": True,
-    }
+    return _made(missing.line, there.package, cause, {"requirements": [there.bound]})
+
+
+def _of_file(line: str, file: MissingFile) -> Diagnosis:
+    ways = []
+    if file.debian:
+        ways.append("`apt-get install {}` on Debian and Ubuntu".format(file.debian))
+    if file.conda:
+        ways.append("`conda install -c conda-forge {}`".format(file.conda))
+    version = ", perhaps in another version" if file.other else ""
+    cause = "the {} `{}` is not on this machine, or not where it is looked for".format(file.kind, file.name)
+    return _made(line, file.name, cause, {"text": "Install it{}: {}.".format(version, " or ".join(ways))})
+
+
+def _made(line: str, subject: str, cause: str, remedy: Mapping[str, Any]) -> Diagnosis:
+    name = "derived:{}".format(subject)
     signature = Signature(
-        plain=plain,
+        plain={"id": name, "cause": cause, "remedy": remedy, "derived": True},
         id=name,
         phases=(),
-        pattern=re.escape(missing.line),
+        pattern=re.escape(line),
         signal=None,
-        packages=((there.package,),),
+        packages=(),
         python=None,
         masks=False,
         generic=False,
         silent=False,
     )
-    return Diagnosis(signature=signature, phase=None, seen=missing.line, is_reason=True)
+    return Diagnosis(signature=signature, phase=None, seen=line, is_reason=True)
 
 
 def _asker(failure: Failure, package: str) -> str:

@@ -14,7 +14,7 @@ from ..failures.matching import Around, Diagnosis, Evidence
 from ..requirements import requirement
 from ..versions import specifiers, unsatisfiable
 from .derived_causes import derive
-from .failure_text import Failure, read_failure
+from .failure_text import QUOTED, Failure, read_failure
 from .version_hints import Hints, hints
 
 NOTE, WARNING = "note", "warning"
@@ -32,9 +32,6 @@ TROUBLE = re.compile(
 """What a machine or a network lacks: no verdict about packages."""
 
 MENTION = "the text says so, too, and nothing shows that it failed by it: {} ({})"
-QUOTED = 4
-"""Lines of a text that is no log: somebody asks what they mean."""
-
 SHOWN = 3
 INSTALLING = ("resolve", "install")
 
@@ -101,6 +98,11 @@ class Explanation(NamedTuple):
         }
 
 
+def _is_exact(hit: Diagnosis) -> bool:
+    """Return whether a person wrote down what to install instead, for exactly this failure."""
+    return not hit.signature.generic and bool(hit.signature.plain.get("remedy", {}).get("requirements"))
+
+
 def _deepest(hits: Sequence[Diagnosis]) -> Optional[Diagnosis]:
     """Return the deepest cause that hides no other; None where none is known."""
     return next(iter(select_counting(hits, lambda hit: False)), None)
@@ -125,9 +127,8 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
         sure = could = []  # a log of what went well may mention what is known to fail
     hits, aside = _hits(sure, failure, killed)
     if failure.failed:
-        # What a person wrote of a line comes first, where it is of the line that says why.
         derived = derive(failure, text_hints, here.installed, here.history)
-        first = [hit for hit in hits if not hit.signature.generic and _where(hit, failure) is DECISIVE]
+        first = [hit for hit in hits if _is_exact(hit) and _where(hit, failure) is DECISIVE]
         hits = (*first, *derived, *(hit for hit in hits if hit not in first))
     mentions = (MENTION.format(hit.seen, hit.signature.id) for hit in aside[:SHOWN])
     findings: List[Tuple[str, str, str]] = [("besides", NOTE, mention) for mention in mentions]
