@@ -11,7 +11,7 @@ from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tup
 
 from ..api_history import Availability, History, Load, package_of
 from ..failures.matching import Diagnosis, Signature
-from . import missing_files
+from . import missing_files, missing_releases
 from .failure_text import Failure
 from .missing_files import MissingFile
 from .version_hints import Hints
@@ -56,7 +56,9 @@ class Missing(NamedTuple):
     availability: Availability
 
 
-def derive(failure: Failure, hints: Hints, installed: Optional[Mapping[str, str]], load: Load) -> List[Diagnosis]:
+def derive(
+    failure: Failure, hints: Hints, installed: Optional[Mapping[str, str]], python: Optional[str], load: Load
+) -> List[Diagnosis]:
     """Return the causes that the histories of packages give for the lines that say why something failed."""
     versions = dict(hints.packages)
     versions.update(installed or {})
@@ -65,6 +67,9 @@ def derive(failure: Failure, hints: Hints, installed: Optional[Mapping[str, str]
         file = missing_files.find(line)
         if file is not None:
             found.setdefault(file.name, _of_file(line, file))
+        release = missing_releases.find(line, versions, python or hints.python, load)
+        if release is not None:
+            found.setdefault(release.package, _made(line, release.package, release.cause, release.remedy))
         for missing in _missing(line, failure, versions, load):
             diagnosis = _diagnosis(missing, failure)
             found.setdefault(diagnosis.signature.id, diagnosis)

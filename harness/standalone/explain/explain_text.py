@@ -127,7 +127,7 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
         sure = could = []  # a log of what went well may mention what is known to fail
     hits, aside = _hits(sure, failure, killed)
     if failure.failed:
-        derived = derive(failure, text_hints, here.installed, here.history)
+        derived = derive(failure, text_hints, here.installed, here.python, here.history)
         first = [hit for hit in hits if _is_exact(hit) and _where(hit, failure) is DECISIVE]
         hits = (*first, *derived, *(hit for hit in hits if hit not in first))
     mentions = (MENTION.format(hit.seen, hit.signature.id) for hit in aside[:SHOWN])
