@@ -35,6 +35,9 @@ OUT = ROOT / "matrices" / "history"
 SECONDS = 120
 """The time that the import of one release may take."""
 
+PLACEHOLDER = 20
+"""A release with so many times fewer names than the middle one of its package holds the package's name, no more."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class PackagePlan:
@@ -56,7 +59,7 @@ def main(arguments: list[str] | None = None) -> None:
         if args.names and name not in args.names:
             continue
         package = PackagePlan(name=name, imports=tuple(wanted["imports"]), run=tuple(wanted.get("run", ())))
-        history = encode(fold(name, [*_releases(package, plan["helpers"])]))
+        history = encode(fold(name, _without_placeholders([*_releases(package, plan["helpers"])])))
         write_atomic(OUT / f"{name}.json.gz", history)
         print(f"{name}: {len(history):,} bytes", flush=True)
 
@@ -84,6 +87,20 @@ def _releases(package: PackagePlan, helpers: list[str]) -> Iterator[MeasuredRele
             yield MeasuredRelease(entry=entry)
             continue
         yield _measured(entry, document)
+
+
+def _without_placeholders(releases: list[MeasuredRelease]) -> list[MeasuredRelease]:
+    """Return the releases; those that held a name for a package to come count as not read."""
+    sizes = sorted(_size(one) for one in releases if one.facts)
+    least = sizes[len(sizes) // 2] / PLACEHOLDER if sizes else 0
+    return [
+        MeasuredRelease(entry=msgspec.structs.replace(one.entry, read=False)) if _size(one) < least else one
+        for one in releases
+    ]
+
+
+def _size(release: MeasuredRelease) -> int:
+    return sum(map(len, release.facts.names.values())) if release.facts else 0
 
 
 def _tag(wheel: str) -> str:
@@ -139,6 +156,9 @@ def _read(package: PackagePlan, artifact: Artifact, python: Interpreter | None, 
         folder = Path(scratch) / "release"
         release_reader.unpack(archive, folder)
         facts = release_reader.read(folder, package.imports)
+        if not {module.partition(".")[0] for module in facts.modules} & {*package.imports}:
+            message = "none of its modules is in this file"
+            raise ValueError(message)
         told = _run(folder, package.run, python, helpers) if package.run and python else None
     document = ReleaseDocument(facts=facts, told=told)
     kept.parent.mkdir(exist_ok=True)

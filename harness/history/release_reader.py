@@ -134,7 +134,7 @@ def _read_package(
         public = []
         for name, member in one.members.items():
             if member.is_alias:
-                if not name.startswith("_") and member.target_path.partition(".")[0] == top:
+                if not name.startswith("_") and _target(member).partition(".")[0] == top:
                     public.append(name)
                 continue
             if member.is_module and not PASSED_OVER.intersection({name}):
@@ -146,6 +146,14 @@ def _read_package(
             if not name.startswith("_"):
                 public.append(name)
         names[one.path] = tuple(sorted(public))
+
+
+def _target(alias: Any) -> str:
+    """Return the path that a name was imported from; empty where that is not to be found."""
+    try:
+        return str(alias.target_path)
+    except Exception:  # an alias of a module that is not there raises an error of its own
+        return ""
 
 
 def _read_class(one: Any, members: dict[str, Any], signatures: dict[str, str]) -> None:

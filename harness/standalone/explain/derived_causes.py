@@ -9,10 +9,10 @@ from __future__ import annotations
 import re
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
-from ..api_history import Availability, History, Load, package_of
+from ..api_history import OF_IMPORT, Availability, History, Load, package_of
 from ..failures.matching import Diagnosis, Signature
 from . import missing_files, missing_releases
-from .failure_text import Failure
+from .failure_text import QUOTED, Failure
 from .missing_files import MissingFile
 from .version_hints import Hints
 
@@ -78,10 +78,14 @@ def derive(
 
 def _missing(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Iterator[Missing]:
     for rule in (_attribute, _module, _member, _argument, _schema, _environment):
+        found = {}
         for what, availability in rule(line, failure, versions, load):
             if availability is not None:
-                yield Missing(line=line, what=what, availability=availability)
-                return
+                found.setdefault(availability.package, Missing(line=line, what=what, availability=availability))
+        if found:
+            # Of several packages that differ in it, none is accused.
+            yield from list(found.values()) if len(found) == 1 else ()
+            return
 
 
 Found = Iterator[Tuple[str, Optional[Availability]]]
@@ -152,9 +156,10 @@ def _schema(line: str, failure: Failure, versions: Mapping[str, str], load: Load
     if match is None or history is None:
         return
     kind, name, element = match.groups()
-    if kind == "attribute" and name and element:
-        entries = [key for key in history.plain.get("schema", {}) if key.endswith("/{} {}".format(element, name))]
-        what = "the attribute `{}` of the element `{}`".format(name, element)
+    if kind == "attribute" and name:
+        end = "/{} {}".format(element, name) if element else " {}".format(name)
+        entries = [key for key in history.plain.get("schema", {}) if key.endswith(end)]
+        what = "the attribute `{}`{}".format(name, " of the element `{}`".format(element) if element else "")
     else:
         wanted = name or element
         entries = [key for key in history.plain.get("schema", {}) if wanted and key.endswith("/{}".format(wanted))]
@@ -192,10 +197,13 @@ def _history(module: str, load: Load) -> Optional[History]:
 
 
 def _spoken_of(failure: Failure, name: str, load: Load) -> Iterator[History]:
-    """Yield the histories of packages whose files stand in the traceback, the innermost first, or of a dotted name."""
+    """Yield the histories of packages that a dotted name or the traceback names, the innermost first."""
     tops = [name.partition(".")[0]] if "." in name else []
     tops += [first or second for first, second in reversed(FRAME.findall(failure.region))]
-    for package in dict.fromkeys(filter(None, map(package_of, tops))):
+    packages = list(dict.fromkeys(filter(None, map(package_of, tops))))
+    if not packages and failure.text.count("\n") < QUOTED:
+        packages = sorted({*OF_IMPORT.values()})  # of a line by itself, any package whose releases differ in it
+    for package in packages:
         history = load(package)
         if history is not None:
             yield history
