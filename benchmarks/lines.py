@@ -36,13 +36,14 @@ LISTS = ("requirements", "constraints", "overrides", "build_constraints")
 QUOTED = re.compile(r"[A-Za-z][\w.-]*(?:\[[\w,-]+\])? ?(?:[<>]=?|==|~=)[\w.*<>=,~ ]*[\w*]")
 """A requirement with a bound within a sentence."""
 
-UPPER, LOWER = frozenset({"<", "<=", "==", "~="}), frozenset({">", ">=", "==", "~="})
+UPPER, LOWER = frozenset({"<", "<="}), frozenset({">", ">="})
 HEAD = """# Single lines of errors, and what `explain` answers
 
 Made by `python -m benchmarks.lines` from [lines.toml](lines.toml): lines that people pasted in threads, with what is
 true of each. Half of the lines are set aside by a hash of their id. An answer is right if one of its first two causes
-names the package that is at fault, and bounds it on the right side or installs it where it is missing. Answers that a
-program cannot judge are judged by hand in [lines-judged.toml](lines-judged.toml). *Silent* names no cause.
+names the package that is at fault, and bounds it on the right side or names it as missing. Answers that a program
+cannot judge are judged by hand in [lines-judged.toml](lines-judged.toml). *Silent* names no cause, or leaves open which
+side is at fault.
 """
 
 
@@ -56,7 +57,7 @@ class Answer:
 
     @property
     def causes(self) -> list[Mapping[str, Any]]:
-        """Return the first causes as their files have them, the most likely first."""
+        """Return the causes that count as their files have them, the most likely first."""
         return [hit.signature.plain for hit in self.explanation.causes[:COUNTING]]
 
     @property
@@ -108,7 +109,7 @@ def judge(cause: Mapping[str, Any], truth: Mapping[str, Any]) -> str:
         words = " ".join([cause["cause"], remedy.get("text", ""), *remedy.get("environment", {})])
         return RIGHT if bounds or _speaks_of(truth["package"], words) else BY_HAND
     wanted, other = (UPPER, LOWER) if truth["side"] == "too new" else (LOWER, UPPER)
-    operators = set().union(*(signs for _, signs in bounds))
+    operators: set[str] = set().union(*(signs for _, signs in bounds))
     if truth["side"] == "other" or not operators:
         return BY_HAND
     return RIGHT if operators & wanted else WRONG if operators & other else BY_HAND
