@@ -19,6 +19,7 @@ from harness.machine.store import write_atomic
 
 PLACES = {
     "libraries": re.compile(r"(?:usr/)?lib/(?:x86_64-linux-gnu/)?(lib[\w+.-]+?\.so\.[\d.]+)"),
+    "links": re.compile(r"usr/lib/(?:x86_64-linux-gnu/)?(lib[\w+.-]+?\.so)"),
     "headers": re.compile(r"usr/include/(?:x86_64-linux-gnu/)?((?:[\w.+-]+/)?[\w.+-]+\.h(?:pp)?)"),
     "programs": re.compile(r"usr/bin/([\w.+-]+)"),
 }
@@ -36,6 +37,8 @@ def main() -> None:
                     table[kind][match.group(1)] = min(
                         _names(packages), key=lambda name: (name.count("-"), len(name), name)
                     )
+    # Each Python of Debian has its own; a compiler finds it by the name alone.
+    table["headers"]["Python.h"] = "python3-dev"
     file = Path(OUT / "debian-files.json.gz")
     write_atomic(file, gzip.compress(msgspec.json.encode(table, order="sorted"), mtime=0))
     print(f"{file.name}: {', '.join(f'{len(files)} {kind}' for kind, files in table.items())}")

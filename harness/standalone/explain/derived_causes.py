@@ -11,7 +11,8 @@ from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tup
 
 from ..api_history import OF_IMPORT, Availability, History, Load, package_of
 from ..failures.matching import Diagnosis, Signature
-from . import missing_files, missing_releases
+from ..import_names import package_with
+from . import conflicts, missing_files, missing_releases
 from .failure_text import QUOTED, Failure
 from .missing_files import MissingFile
 from .version_hints import Hints
@@ -20,17 +21,13 @@ QUOTE = "[`'\"\u2018\u2019\u201c\u201d]"
 WORD = r"[A-Za-z_]\w*"
 DOTTED = r"[A-Za-z_][\w.]*"
 
-ATTRIBUTE = re.compile(
-    "AttributeError: (?:partially initialized )?module {0}({1}){0} has no attribute {0}({2}){0}".format(
-        QUOTE, DOTTED, WORD
-    )
-)
+ATTRIBUTE = re.compile("(?:^|[^\\w'])(?:module )?{0}({1}){0} has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD))
 IMPORTED = re.compile(
     "ImportError: cannot import name {0}({2}){0} from (?:partially initialized module )?{0}({1}){0}".format(
         QUOTE, DOTTED, WORD
     )
 )
-MODULE = re.compile("ModuleNotFoundError: No module named {0}({1}){0}".format(QUOTE, DOTTED))
+MODULE = re.compile("(?:ModuleNotFound|Import)Error: No module named {0}({1}){0}".format(QUOTE, DOTTED))
 MEMBER = re.compile(
     "AttributeError: (?:type object )?{0}({1}){0} (?:object )?has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD)
 )
@@ -63,7 +60,10 @@ def derive(
     versions = dict(hints.packages)
     versions.update(installed or {})
     found: Dict[str, Diagnosis] = {}
-    for line in failure.lines:
+    for line in failure.lines or _quoted(failure):
+        conflict = conflicts.find(line)
+        if conflict is not None:
+            found.setdefault(conflict.package, _made(line, conflict.package, conflict.cause, conflict.remedy))
         file = missing_files.find(line)
         if file is not None:
             found.setdefault(file.name, _of_file(line, file))
@@ -73,7 +73,20 @@ def derive(
         for missing in _missing(line, failure, versions, load):
             diagnosis = _diagnosis(missing, failure)
             found.setdefault(diagnosis.signature.id, diagnosis)
+        absent = MODULE.search(line)
+        package = package_with(absent.group(1)) if absent and "." not in absent.group(1) else None
+        if package is not None and absent is not None:
+            cause = "the module `{}` is of the package {}, which this Python does not find".format(
+                absent.group(1), package
+            )
+            found.setdefault(package, _made(line, package, cause, {"requirements": [package]}))
     return list(found.values())
+
+
+def _quoted(failure: Failure) -> List[str]:
+    """Return the lines of a short text in which no exception is named."""
+    lines = failure.text.splitlines()
+    return lines if len(lines) <= QUOTED else []
 
 
 def _missing(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Iterator[Missing]:

@@ -32,7 +32,7 @@ TROUBLE = re.compile(
 """What a machine or a network lacks: no verdict about packages."""
 
 MENTION = "the text says so, too, and nothing shows that it failed by it: {} ({})"
-SHOWN = 3
+SHOWN, LIKELY = 3, 2
 INSTALLING = ("resolve", "install")
 
 
@@ -126,7 +126,7 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
     if not failure.failed and len(failure.text.split("\n", QUOTED)) > QUOTED:
         sure = could = []  # a log of what went well may mention what is known to fail
     hits, aside = _hits(sure, failure, killed)
-    if failure.failed:
+    if failure.failed or failure.text.count("\n") < QUOTED:
         derived = derive(failure, text_hints, here.installed, here.python, here.history)
         first = [hit for hit in hits if _is_exact(hit) and _where(hit, failure) is DECISIVE]
         hits = (*first, *derived, *(hit for hit in hits if hit not in first))
@@ -136,9 +136,11 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
         possible = _hits(could, failure, killed)[0]
         named = [hit for hit in possible if _mentions_packages(hit.signature, failure.text)]
         # Between two broad causes a text without versions cannot decide.
-        if len(named) == 1:
-            hits = (*named, *hits)
-            findings.append(("packages", NOTE, _describe_condition(named[0].signature)))
+        is_quoted = len(failure.text.split("\n", QUOTED)) <= QUOTED
+        if len(named) == 1 or (is_quoted and 0 < len(named or possible) <= LIKELY):
+            likely = named or possible
+            hits = (*likely, *hits)
+            findings += [("packages", NOTE, _describe_condition(hit.signature)) for hit in likely]
         else:
             findings += [("possible", NOTE, _possible(hit)) for hit in (named or possible)[:SHOWN]]
     # A known line that somebody only quotes counts as a failure, though no word in it says so.

@@ -12,10 +12,10 @@ from ..adapters import carried_file
 from ..api_history import PLACES
 
 LIBRARY = re.compile(r"\b(lib[\w+-]+\.so(?:\.\d+)*): cannot open shared object file: No such file or directory")
-HEADER = re.compile(
-    r"fatal error: ((?:[\w.+-]+/)*[\w.+-]+\.h(?:pp)?): No such file or directory"
-    r"|fatal error: '([\w./+-]+\.h)' file not found"
-)
+HEADER = re.compile(r"fatal error: '?((?:[\w.+-]+/)*[\w.+-]+\.h(?:pp)?)'?(?:: | file not found)")
+"""What follows is in the language of the compiler's user."""
+
+LINKED = re.compile(r"\bld: cannot find -l([\w+-]+)")
 PROGRAM = re.compile(
     r"(?:/bin/sh: (?:\d+: )?|bash: (?:line \d+: )?|^)([\w.+-]+): (?:command )?not found"
     r"|unable to execute '([\w.+-]+)': No such file or directory"
@@ -27,7 +27,7 @@ CONDA = {
     "libEGL.so": "libegl", "libGL.so": "libgl", "libGLX.so": "libglx", "libGLEW.so": "glew", "libGLU.so": "libglu",
     "libOSMesa.so": "mesalib", "libOpenGL.so": "libopengl", "libSM.so": "xorg-libsm", "libX11.so": "xorg-libx11",
     "libXext.so": "xorg-libxext", "libXrender.so": "xorg-libxrender", "libffi.so": "libffi", "libglfw.so": "glfw",
-    "libgomp.so": "libgomp", "libstdc++.so": "libstdcxx-ng", "libvulkan.so": "libvulkan-loader",
+    "libgomp.so": "libgomp", "Python.h": "python", "libstdc++.so": "libstdcxx-ng", "libvulkan.so": "libvulkan-loader",
     "GL/glew.h": "glew", "GL/osmesa.h": "mesalib", "GLFW/glfw3.h": "glfw", "cmake": "cmake", "ffmpeg": "ffmpeg",
     "g++": "cxx-compiler", "gcc": "c-compiler", "ninja": "ninja", "patchelf": "patchelf", "swig": "swig",
 }  # fmt: skip
@@ -60,12 +60,14 @@ def find(line: str) -> Optional[MissingFile]:
 def _named(line: str) -> Iterator[Tuple[str, str, str]]:
     for kind, table, pattern in (
         ("library", "libraries", LIBRARY),
+        ("library", "links", LINKED),
         ("header", "headers", HEADER),
         ("program", "programs", PROGRAM),
     ):
         match = pattern.search(line)
         if match:
-            yield kind, table, next(filter(None, match.groups()))
+            name = next(filter(None, match.groups()))
+            yield kind, table, "lib{}.so".format(name) if table == "links" else name
 
 
 def _of_stem(files: Dict[str, str], stem: str) -> Optional[str]:
