@@ -38,7 +38,7 @@ def explained(text: str, **installed: str) -> tuple[str, tuple[str, ...]] | None
     [
         ("AttributeError: module 'gym' has no attribute 'GoalEnv'", "gym<0.22.0"),
         (
-            "ImportError: cannot import name 'StepAPICompatibility' from 'gym.wrappers' (/x/gym/__init__.py)",
+            "ImportError: cannot import name 'StepAPICompatibility' from 'gym.wrappers'",
             "gym>=0.26.0",
         ),
         ("ModuleNotFoundError: No module named 'gym.envs.robotics'", "gym<0.22.0"),
