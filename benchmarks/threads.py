@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import argparse
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from harness.model.report_types import Document
+from harness.model.report_types import CellEntry
 from harness.reports import document
 from harness.reports.tables import family_tables
 
@@ -33,10 +33,11 @@ def _lines(thread: dict[str, Any]) -> Iterator[str]:
     folder = HERE.parent / "reports" / thread["report"]
     report = document.read_file(folder / "report.json")
     wanted = (thread["axis"], thread["before"], thread["after"])
-    boundaries = [one for one in report.boundaries or () if (one.axis, one.before, one.after) == wanted]
+    cells, boundaries = family_tables.call_by_ids(report.cells, report.boundaries or ())
+    boundaries = tuple(one for one in boundaries if (one.axis, one.before, one.after) == wanted)
     yield f"## [{thread['thread'].partition('github.com/')[2]}]({thread['thread']})\n"
     yield f"The thread: {thread['says']}.\n"
-    sides = [_stepped(report, thread["axis"], thread[side]) for side in ("before", "after")]
+    sides = [_stepped(cells, thread["axis"], thread[side]) for side in ("before", "after")]
     report_link = f"[{thread['report']}](../reports/{thread['report']}/report.md)"
     yield f"Measured in {report_link}, {thread['before']} to {thread['after']}:\n"
     for change in family_tables.changes(boundaries):
@@ -47,10 +48,10 @@ def _lines(thread: dict[str, Any]) -> Iterator[str]:
     yield ""
 
 
-def _stepped(report: Document, axis: str, release: str) -> set[str]:
+def _stepped(cells: Iterable[CellEntry], axis: str, release: str) -> set[str]:
     """Return the environments that a release was stepped from states in."""
-    cells = [cell for cell in report.cells if cell.axes.get(axis) == release]
-    return {str(case.env) for cell in cells for case in cell.cases if case.behaviour}
+    of_release = [cell for cell in cells if cell.axes.get(axis) == release]
+    return {str(case.env) for cell in of_release for case in cell.cases if case.behaviour}
 
 
 if __name__ == "__main__":

@@ -29,6 +29,9 @@ from harness.reports import publishing
 from harness.running import behaviour_runs, open_matrix
 
 PAGE = Path(__file__).parents[1] / "planted.md"
+PICTURES = "## Pictures"
+"""The heading of the last section, which `pixel_table.py` writes and this module leaves as it is."""
+
 CLEAN = "clean"
 SAME = frozenset({Class.IDENTICAL, Class.ROUND_OFF})
 EXPECTED: dict[str, frozenset[Class]] = {
@@ -169,7 +172,8 @@ def main() -> int:
     text = page(bank, outputs, planted)
     print(text)
     if args.write:
-        PAGE.write_text(text, encoding="utf-8")
+        _, heading, pictures = PAGE.read_text(encoding="utf-8").partition(PICTURES)
+        PAGE.write_text(f"{text}\n{heading}{pictures}" if heading else text, encoding="utf-8")
     return 0 if all(one.right for one in planted) else 1
 
 

@@ -30,6 +30,7 @@ class Simulation(Worlds):
         self.jax = jax = importlib.import_module("jax")
         mjx = importlib.import_module("mujoco.mjx")
         model = load_model(importlib.import_module("mujoco"), case)
+        self.source = model
         super().__init__(report, worlds, *model.actuator_ctrlrange.T)
         self.sizes = {"qpos": (model.nq,), "qvel": (model.nv,)}
         put = getattr(mjx, "put_model", None) or mjx.device_put  # before MJX 3.1

@@ -1,4 +1,4 @@
-"""Make a bank of states: those that play comes through, falls, overlaps and joints at their limits.
+"""Make a bank of states: those that play comes through, falls, overlaps, joints at their limits, and grasps.
 
 Every number comes from Python's own generator, which gives the same ones on every version, and states are rounded to
 float32, so that a bank is half as large and every release can represent it.
@@ -9,10 +9,11 @@ import random
 import numpy as np
 
 from .cell_action_space import action_space_of
+from .cell_gripper import gripper_of
 
 STATES = 300
-KINDS = ("play", "drop", "overlap", "limit")
-SHARES = (0.4, 0.2, 0.2, 0.2)
+KINDS = ("play", "drop", "overlap", "limit", "grasp")
+SHARES, SHARES_WITH_GRASPS = (0.4, 0.2, 0.2, 0.2, 0.0), (0.35, 0.15, 0.15, 0.15, 0.2)
 EPISODE = 60
 FASTEST = 1e5
 """The acceleration, in the units of the model, beyond which a state is not used."""
@@ -32,7 +33,9 @@ class Maker:
         self.space = action_space_of(env)
         self.dice = random.Random(seed)
         self.seed = seed
-        self.counts = [round(share * states) for share in SHARES]
+        self.gripper = gripper_of(physics)
+        self.reach = 1.0
+        self.counts = [round(share * states) for share in (SHARES_WITH_GRASPS if self.gripper else SHARES)]
 
     def make(self):
         """Return the bank: arrays by name, one row a state."""
@@ -42,6 +45,7 @@ class Maker:
         played = list(rows)
         for kind, count in list(enumerate(self.counts))[1:]:
             rows.extend(self._changed(kind, count, played))
+        rows.extend(self._changed(1, sum(self.counts) - len(rows), played))  # in place of grasps that no try made
         names = sorted({name for row in rows for name in row})
         return {name: np.array([row[name] for row in rows]) for name in names}
 
@@ -72,12 +76,19 @@ class Maker:
         rows, tries = [], 0
         while len(rows) < count and tries < 60 * count:
             tries += 1
+            self.reach = 1.0 if tries <= 20 * count else 0.1
             row = self.dice.choice(played)
             self.physics.write({name[6:]: values for name, values in row.items() if name.startswith("state.")})
             getattr(self, "_" + KINDS[kind])()
-            if self._usable() and (kind != 2 or self._overlaps() or tries > 30 * count):
+            if self._usable() and self._is_of_kind(kind, tries > 30 * count):
                 rows.append(self._row(kind))
         return rows
+
+    def _is_of_kind(self, kind, late):
+        """Return whether the present state has what its kind is about; overlaps may be rare."""
+        if KINDS[kind] == "overlap":
+            return late or self._overlaps()
+        return KINDS[kind] != "grasp" or self.gripper.holds(self.physics)
 
     def _usable(self):
         data = self.physics.data
@@ -98,8 +109,8 @@ class Maker:
             yield int(model.jnt_qposadr[joint]), int(model.jnt_type[joint]), limits
 
     def _stir(self, size):
-        """Move joints and velocities by random amounts."""
-        data, dice = self.physics.data, self.dice
+        """Move joints and velocities by random amounts; joints alone, by less, once many tries made no state."""
+        data, dice, size = self.physics.data, self.dice, self.reach * size
         for place, kind, limits in self._joints():
             if kind in (2, 3):
                 span = (limits[1] - limits[0]) if limits else 1.0
@@ -108,7 +119,22 @@ class Maker:
                 start = place + (3 if kind == 0 else 0)
                 turned = data.qpos[start : start + 4] + size * np.array([dice.random() - 0.5 for _ in range(4)])
                 data.qpos[start : start + 4] = turned / np.sqrt(np.sum(turned * turned))
-        data.qvel[:] += size * 4.0 * np.array([dice.random() - 0.5 for _ in range(self.physics.model.nv)])
+        if self.reach == 1.0:
+            data.qvel[:] += size * 4.0 * np.array([dice.random() - 0.5 for _ in range(self.physics.model.nv)])
+        self._follow()
+
+    def _follow(self):
+        """Put each mocap body where the body is that is welded to it, so that it does not tear at it."""
+        physics = self.physics
+        model, data, mujoco = physics.model, physics.data, physics.mujoco
+        mujoco.mj_kinematics(model, data)
+        for weld in range(model.neq):
+            if int(model.eq_type[weld]) == int(mujoco.mjtEq.mjEQ_WELD):
+                ends = int(model.eq_obj1id[weld]), int(model.eq_obj2id[weld])
+                for mocap, body in (ends, ends[::-1]):
+                    if model.body_mocapid[mocap] >= 0:
+                        data.mocap_pos[model.body_mocapid[mocap]] = data.xpos[body]
+                        data.mocap_quat[model.body_mocapid[mocap]] = data.xquat[body]
 
     def _controls(self, extreme=False):
         model, dice = self.physics.model, self.dice
@@ -141,4 +167,9 @@ class Maker:
             if limits and self.dice.random() < 0.6:
                 beyond = (limits[1] - limits[0]) * (0.06 * self.dice.random() - 0.02)
                 self.physics.data.qpos[place] = self.dice.choice((limits[0] - beyond, limits[1] + beyond))
+        self._follow()
         self._controls(extreme=True)
+
+    def _grasp(self):
+        """Put a free body between the open fingers, and close them on it for some steps."""
+        self.gripper.close(self.physics, self.dice)

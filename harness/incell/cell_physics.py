@@ -5,8 +5,10 @@ import sys
 import numpy as np
 
 from .cell_action_space import action_space_of
+from .cell_bullet_physics import BulletPhysics, bullet_of
 from .cell_errors import library
 from .cell_flat import flat
+from .cell_functional_physics import functional_physics_of
 from .cell_simulations import simulation_of
 from .cell_sketch import Stages
 
@@ -22,11 +24,17 @@ Newton's method ends within some ten iterations; what more of them change is rou
 
 def physics_of(env):
     """Return the physics of an opened environment, which was reset; of one whose state cannot be set, seeded runs."""
+    functional = functional_physics_of(env)
+    if functional is not None:
+        return functional
     raw = getattr(env.raw, "unwrapped", env.raw)
-    model, data, step, substeps, unset = simulation_of(raw)
+    simulation = simulation_of(env, raw)
     mujoco = sys.modules.get("mujoco")
-    if hasattr(mujoco, "MjModel") and isinstance(model, mujoco.MjModel):
-        return MujocoPhysics(mujoco, model, data, step, substeps, unset)
+    if hasattr(mujoco, "MjModel") and isinstance(simulation.model, mujoco.MjModel):
+        return MujocoPhysics(mujoco, simulation)
+    client = bullet_of(raw)
+    if client is not None:
+        return BulletPhysics(raw, client)
     if isinstance(getattr(raw, "state", None), (tuple, list, np.ndarray)):
         return AttributePhysics(raw)
     return SeededPhysics(env)
@@ -46,6 +54,7 @@ class SeededPhysics:
     parts = ("seed", "count", "past")
     unset = ("all but the seed and the actions since the reset",)
     warm_starts = False
+    pure = False
     stages = None
     precision = np.dtype(float)
 
@@ -88,6 +97,7 @@ class AttributePhysics:
     parts = ("state",)
     unset = ()
     warm_starts = False
+    pure = False
     stages = None
 
     def __init__(self, raw):
@@ -123,18 +133,21 @@ class MujocoPhysics:
 
     method = "state"
     warm_starts = True
+    pure = False
     precision = np.dtype(float)
 
-    def __init__(self, mujoco, model, data, step, substeps, unset):
+    def __init__(self, mujoco, simulation):
         self.mujoco = mujoco
-        self.model = model
-        self.data = data
-        self.step = step
-        self.substeps = substeps
-        self.parts = ("time", *(name for name in MUJOCO_STATE if getattr(data, name).size))
-        self.unset = (*unset, *self._unset())
-        self.stages = Stages(mujoco, model, data)
-        newton = model.opt.solver == mujoco.mjtSolver.mjSOL_NEWTON
+        self.model = simulation.model
+        self.data = simulation.data
+        self.step = simulation.step
+        self.substeps = simulation.substeps
+        self.memory = simulation.memory
+        self.arrays = tuple(name for name in MUJOCO_STATE if getattr(self.data, name).size)
+        self.parts = ("time", *self.arrays, *(("task",) if self.memory else ()))
+        self.unset = (*simulation.unset, *self._unset())
+        self.stages = Stages(mujoco, self.model, self.data)
+        newton = self.model.opt.solver == mujoco.mjtSolver.mjSOL_NEWTON
         self.exact_iterations = NEWTON_ITERATIONS if newton else EXACT_ITERATIONS
 
     def _unset(self):
@@ -145,13 +158,21 @@ class MujocoPhysics:
 
     def read(self):
         """Return the state: a dict of one-dimensional arrays of float64."""
-        state = {name: np.array(getattr(self.data, name), dtype=float).ravel() for name in self.parts if name != "time"}
+        state = {name: np.array(getattr(self.data, name), dtype=float).ravel() for name in self.arrays}
+        if self.memory:
+            state["task"] = self.memory.read()
         return dict(state, time=np.array([self.data.time]))
 
     def outcome(self):
-        """Return the state after a step, but for the controls."""
+        """Return the state after a step, but for the controls and what the task remembers."""
         state = self.read()
-        return np.concatenate([state[name] for name in self.parts if name != "ctrl"])
+        return np.concatenate([state[name] for name in self.parts if name not in ("ctrl", "task")])
+
+    def model_sums(self):
+        """Return size and sum of each array of the model; what resets place lies where the same reset put it."""
+        if self.memory:
+            self.memory.write(self.memory.first)
+        return self.stages.model_sums()
 
     def warm_start(self):
         """Return the acceleration that the solver starts from."""
@@ -161,9 +182,11 @@ class MujocoPhysics:
         """Set the state and compute all that depends on it; the solver then starts from `warm`, else from zero."""
         data = self.data
         data.time = float(state["time"][0])
-        for name in self.parts[1:]:
+        for name in self.arrays:
             array = getattr(data, name)
             array[...] = state[name].reshape(array.shape)
+        if self.memory:
+            self.memory.write(state["task"])
         data.qfrc_applied[:] = 0
         data.xfrc_applied[:] = 0
         with library:

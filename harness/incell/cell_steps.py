@@ -5,11 +5,13 @@ import random
 import numpy as np
 
 from .cell_action_space import action_space_of
+from .cell_episode import open_single
 from .cell_errors import library
 from .cell_flat import flat, precision_of
+from .cell_physics import physics_of
 
 TWINS, EXACT_TWINS = 16, 4
-CONTACT_TWINS, LARGE_NOISE = 199, 1e-9
+CONTACT_TWINS, LARGE_NOISE = 199, {"float64": 1e-9, "float32": 1e-3}
 """Twins of a state near the making or breaking of a contact: twins end in other contacts, or far from each other."""
 
 LAST_BITS, SMALL = 4e-16, 1e-3
@@ -21,7 +23,7 @@ MOVED_ACTIONS, UNMOVED = ("action", "state.past"), ("state.time", "state.seed", 
 """Parts of a state that a twin moves unless they are choices, and parts that it never moves."""
 
 REPEATED = 30
-"""States that are stepped from once more at the end, in the other order."""
+"""States, of all kinds, that are stepped from once more at the end, and once more in a copy of the environment."""
 
 
 class Stepper:
@@ -31,27 +33,33 @@ class Stepper:
         self.env = env
         self.physics = physics
         self.space = action_space_of(env)
+        self.keys = {}
+        self.pairs = {}
 
     def outputs(self, bank):
-        """Return what every state leads to: arrays by name with one row a state, and facts."""
-        rows, keys = [], {}
-        pairs = {}
-        for number in range(len(bank["action"])):
-            rows.append(self._row(bank, number, keys, pairs))
-        outputs = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-        repeated = [self._row(bank, number, keys, pairs) for number in reversed(range(min(REPEATED, len(rows))))]
-        unlike = {
-            name
-            for number, again in zip(reversed(range(len(repeated))), repeated)
-            for name in again
-            if np.asarray(again[name]).tobytes() != outputs[name][number].tobytes()
-        }
-        return outputs, {
-            "info": [list(names) for names in keys],
-            "contacts": [["-".join(map(str, pair)) for pair in met] for met in pairs],
-            "repeats": not unlike,
-            "unrepeated": sorted(unlike),
-        }
+        """Return what every state leads to: arrays by name with one row a state."""
+        rows = [self._row(bank, number) for number in range(len(bank["action"]))]
+        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+    def unrepeated(self, bank, outputs, copy=None):
+        """Return the names of outputs that are others when some states are stepped from again, in the other order.
+
+        A `copy` steps from them in this one's place: what an environment keeps beside its state differs between two.
+        """
+        stepper = copy or self
+        stepper.keys, stepper.pairs = self.keys, self.pairs
+        count = len(bank["action"])
+        unlike = set()
+        for number in reversed(range(0, count, max(1, count // REPEATED))):
+            for name, again in stepper._row(bank, number).items():
+                if np.asarray(again).tobytes() != outputs[name][number].tobytes():
+                    unlike.add(name)
+        return unlike
+
+    def entries(self):
+        """Return what the numbers in the outputs `info` and `contacts` stand for."""
+        contacts = [["-".join(map(str, pair)) for pair in met] for met in self.pairs]
+        return {"info": [list(names) for names in self.keys], "contacts": contacts}
 
     def fits(self, bank):
         """Return whether the states of a bank are states of this environment, and its actions valid."""
@@ -73,12 +81,12 @@ class Stepper:
             "observation_precision": precision_of(observation),
         }
         if physics.stages:
-            facts["model"] = physics.stages.model_sums()
+            facts["model"] = physics.model_sums()
             facts["starts"] = physics.stages.names_of_starts(physics.substeps)
             facts["geometries"] = physics.stages.geometries()
         return facts
 
-    def _row(self, bank, number, keys, pairs):
+    def _row(self, bank, number):
         physics = self.physics
         state = state_of(bank, number)
         action = self.space.as_action(bank["action"][number])
@@ -92,9 +100,9 @@ class Stepper:
         physics.write(state)
         if physics.stages:
             row["rows"] = physics.stages.rows()
-        row["contacts"] = np.array(pairs.setdefault(physics.contacts(), len(pairs)))
+        row["contacts"] = np.array(self.pairs.setdefault(physics.contacts(), len(self.pairs)))
         after, info = self.advance(state, action)
-        row["info"] = np.array(keys.setdefault(tuple(sorted(map(str, info))), len(keys)))
+        row["info"] = np.array(self.keys.setdefault(tuple(sorted(map(str, info))), len(self.keys)))
         row.update(after)
         return row
 
@@ -151,7 +159,18 @@ class Stepper:
 
     def _control(self, state, action):
         """Return the controls that an environment makes of an action, as seen after a step with it."""
-        return action if np.shape(action) == self.physics.data.ctrl.shape else state["ctrl"]
+        return action if np.shape(action) == self.physics.data.ctrl.shape else state.get("ctrl", np.zeros(0))
+
+
+def step_all(probe, bank, stepper):
+    """Return what every state leads to, and facts: what of it is another when it is done again, or in a copy."""
+    outputs = stepper.outputs(bank)
+    unlike = stepper.unrepeated(bank, outputs)
+    if not stepper.physics.pure:
+        with open_single(probe) as other:
+            other.reset(probe.case["seed"])
+            unlike |= stepper.unrepeated(bank, outputs, Stepper(other, physics_of(other)))
+    return outputs, dict(stepper.entries(), repeats=not unlike, unrepeated=sorted(unlike))
 
 
 def state_of(bank, number):
@@ -207,7 +226,7 @@ def noise(stepper, bank, outputs, seed):
             for name, errors in worst.items():
                 if name in row:
                     errors[number] = max(errors[number], gap(row[name], outputs[name][number], size[name]))
-            near_contact = near_contact or worst["state"][number] > LARGE_NOISE
+            near_contact = near_contact or worst["state"][number] > LARGE_NOISE[physics.precision.name]
             turn += 1
     return worst
 

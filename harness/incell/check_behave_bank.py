@@ -4,12 +4,23 @@ import numpy as np
 
 from .cell_arrays import BANK, save
 from .cell_bank import Maker
+from .cell_bullet_bank import BulletMaker
+from .cell_bullet_physics import BulletPhysics
 from .cell_episode import open_single
+from .cell_functional_bank import FunctionalMaker
+from .cell_functional_physics import BraxPhysics, MjxPhysics
 from .cell_physics import AttributePhysics, MujocoPhysics, SeededPhysics, physics_of
 from .cell_plain_bank import AttributeMaker, SeededMaker
-from .cell_steps import Stepper, noise, scales, starts
+from .cell_steps import Stepper, noise, scales, starts, step_all
 
-MAKERS = {MujocoPhysics: Maker, AttributePhysics: AttributeMaker, SeededPhysics: SeededMaker}
+MAKERS = {
+    MujocoPhysics: Maker,
+    BulletPhysics: BulletMaker,
+    MjxPhysics: FunctionalMaker,
+    BraxPhysics: FunctionalMaker,
+    AttributePhysics: AttributeMaker,
+    SeededPhysics: SeededMaker,
+}
 
 
 def run(probe, _facts):
@@ -23,7 +34,7 @@ def run(probe, _facts):
         physics = physics_of(env)
         bank = MAKERS[type(physics)](env, physics, probe.case["seed"]).make()
         stepper = Stepper(env, physics)
-        outputs, facts = stepper.outputs(bank)
+        outputs, facts = step_all(probe, bank, stepper)
         worst = noise(stepper, bank, outputs, probe.case["seed"])
         outputs["reset"], facts["lengths"] = starts(env, stepper.space)
         facts.update(stepper.describe(env), env=probe.case["env"], api=probe.case["api"], kwargs=probe.case["kwargs"])

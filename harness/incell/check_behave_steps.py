@@ -3,7 +3,7 @@
 from .cell_arrays import OUTPUTS, load, save
 from .cell_episode import open_single
 from .cell_physics import physics_of
-from .cell_steps import Stepper, starts
+from .cell_steps import Stepper, starts, step_all
 
 
 def run(probe, _facts):
@@ -15,7 +15,7 @@ def run(probe, _facts):
         stepper = Stepper(env, physics)
         facts, outputs = stepper.describe(env), {}
         if stepper.fits(bank):
-            outputs, more = stepper.outputs(bank)
+            outputs, more = step_all(probe, bank, stepper)
             facts.update(more)
         outputs["reset"], facts["lengths"] = starts(env, stepper.space)
     save(probe, OUTPUTS, outputs, dict(facts, form=1))

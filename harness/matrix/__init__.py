@@ -6,6 +6,7 @@ __all__ = [
     "matrix_remedies",
     "matrix_types",
     "overlay_recipes",
+    "policies",
     "signatures",
     "version_ranges",
 ]

@@ -26,6 +26,7 @@ from harness.matrix.matrix_types import (
     SourceTable,
     Value,
 )
+from harness.matrix.policies import SCRIPTED
 from harness.matrix.strategy import Strategy
 from harness.model import CELL_PHASES, Expectation, Phase, Verdict
 from harness.model.errors import BadInput
@@ -94,14 +95,24 @@ def sources(matrix: Matrix) -> dict[str, str]:
 
 def banks(matrix: Matrix) -> dict[str, str]:
     """Return the banks of states that cases name: each path, relative to the matrix file's folder, and who asks."""
-    tables = [("cases", index, table) for index, table in enumerate(matrix.cases)]
-    tables += [
-        (key_path("axes", axis, value.text, "cases"), index, table)
+    return {table.bank: f"{place}.bank" for place, table in _case_tables(matrix) if table.bank}
+
+
+def policies(matrix: Matrix) -> dict[str, str]:
+    """Return the files of policies that cases name: each path, relative to the matrix file's folder, and who asks."""
+    named = {table.policy: f"{place}.policy" for place, table in _case_tables(matrix) if table.policy}
+    return {path: place for path, place in named.items() if path != SCRIPTED}
+
+
+def _case_tables(matrix: Matrix) -> list[tuple[str, CaseTable]]:
+    """Return the tables of cases, each with its place."""
+    tables = [(f"{matrix.path}: cases[{index}]", table) for index, table in enumerate(matrix.cases)]
+    return tables + [
+        (f"{matrix.path}: {key_path('axes', axis, value.text, 'cases')}[{index}]", table)
         for axis, read_axis in matrix.axes.items()
         for value in read_axis.values
         for index, table in enumerate(value.cases)
     ]
-    return {table.bank: f"{matrix.path}: {place}[{index}].bank" for place, index, table in tables if table.bank}
 
 
 def repairing(matrix: Matrix) -> bool:

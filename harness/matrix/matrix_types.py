@@ -176,6 +176,14 @@ class CaseTable(Table, frozen=True, kw_only=True):
         InnerPath | None,
         Meta(description="bank of states for the phase `behave`, made by `freeze`; relative to the matrix file"),
     ] = None
+    policy: Annotated[
+        InnerPath | None,
+        Meta(
+            description="policy that plays in the phase `behave`: a file of `benchmarks/linear_policy.py`, relative to "
+            "the matrix file, or `metaworld` for the scripted policy of the task in `kwargs.env_name`"
+        ),
+    ] = None
+    episodes: Annotated[int, Meta(ge=2, le=100_000, description="episodes that the policy plays")] = 200
     steps: Annotated[int, Meta(ge=1, le=10**9)] = 100
     seed: Annotated[int, Meta(ge=0)] = 7
     memory_mb: Annotated[int, Meta(ge=64, description="of all processes of a probe together")] = 6000

@@ -121,6 +121,85 @@ class BoundaryEntry(msgspec.Struct, frozen=True, kw_only=True):
     changelog: str = ""
 
 
+class PictureDifferenceEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """The difference of the pictures of one environment between two releases; see `physics/pixels.py`.
+
+    `share` is the share of a picture that looks different, at the state where that is most, `median` at the middle one,
+    `moved` are the parts of its making that differ, `compared` those that are known of both.
+    """
+
+    case: str
+    env: str | None
+    kind: str
+    share: float
+    median: float
+    distance: float
+    moved: tuple[str, ...]
+    compared: tuple[str, ...]
+
+
+class PictureBoundaryEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """Two neighbouring releases whose pictures differ, with each environment that differs, of so many `tasks`.
+
+    `moved` are other packages whose versions differ between the two cells: where there are any, the change is not
+    separated from them.
+    """
+
+    before: str
+    after: str
+    cells: tuple[str, str]
+    tasks: int
+    moved: dict[str, tuple[str | None, str | None]]
+    differences: tuple[PictureDifferenceEntry, ...]
+
+
+class PicturesEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """The pictures of a matrix along one axis, all other axes as they stand in `where`.
+
+    `method` is `states` where states of a bank were drawn, `start` for the picture after a seeded reset. `letters` has,
+    for each environment, one for each of `releases`: see `physics/pixels.py`; `-` where nothing was drawn.
+    """
+
+    matrix: str
+    axis: str
+    where: dict[str, str]
+    method: Literal["states", "start"]
+    releases: tuple[str, ...]
+    letters: dict[str, tuple[str, ...]]
+    boundaries: tuple[PictureBoundaryEntry, ...]
+
+
+class ConsequenceEntry(msgspec.Struct, frozen=True, kw_only=True):
+    """The effect of the change from one release to the next on a policy that played the same seeds with both.
+
+    `effect` is `worse`, `better`, `equal within 5 points` or `cannot tell`. `values` are the share of `episodes` that
+    succeed, or the mean return, before and after. `difference`, its `interval` of 95 % and `least`, the smallest
+    difference that would be seen with a power of 80 %, are in points: of success, or hundredths of what the policy
+    gained over random actions when it was made. `moved_starts` counts episodes that start elsewhere under their seed,
+    `identical` is whether all are the same to the bit, `repeats` whether the first was the same when played again.
+    `moved` are the packages whose versions differ between the two cells.
+    """
+
+    matrix: str
+    case: str
+    axis: str
+    before: str
+    after: str
+    cells: tuple[str, str]
+    effect: str
+    measure: Literal["success", "return"]
+    episodes: int
+    values: tuple[float, float]
+    difference: float
+    interval: tuple[float, float]
+    least: float
+    moved_starts: int
+    identical: bool
+    repeats: bool
+    moved: dict[str, tuple[str | None, str | None]]
+    text: str
+
+
 class CaseEntry(msgspec.Struct, frozen=True, kw_only=True):
     """One environment tried. `reasons` and `masked` say per check why it ended so, and what hid that.
 
@@ -353,3 +432,5 @@ class Document(msgspec.Struct, frozen=True, kw_only=True):
     stale: tuple[str, ...] = ()
     probes: dict[str, str] = {}
     boundaries: tuple[BoundaryEntry, ...] | msgspec.UnsetType = msgspec.UNSET
+    pictures: tuple[PicturesEntry, ...] | msgspec.UnsetType = msgspec.UNSET
+    consequences: tuple[ConsequenceEntry, ...] | msgspec.UnsetType = msgspec.UNSET

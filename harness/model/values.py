@@ -156,6 +156,7 @@ class Case:
     else those of the ones that speak the API, where the environment is not registered without them (`providers`, which
     the host fills in after the install; `beside` are modules of other packages that speak it). `picture` has two
     colours of a right picture, `above` and `below`. `bank` is the SHA-256 of the states that it is stepped from.
+    `policy` is what plays it; see `matrix/policies.py`.
     """
 
     id: str
@@ -171,6 +172,7 @@ class Case:
     timeouts: Mapping[Phase, float] = field(default_factory=dict)
     picture: Mapping[str, str] | None = None
     bank: str | None = None
+    policy: Mapping[str, Any] | None = None
     steps: int = 100
     seed: int = 7
     memory_mb: int = 6000

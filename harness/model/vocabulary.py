@@ -62,7 +62,7 @@ CheckName = Literal[
     "import.modules", "single.loop", "vector.sync", "vector.async.fork", "vector.async.spawn",
     "vector.async.forkserver", "vector.async.unshared", "vector.async.many", "vector.autoreset", "render.rgb_array",
     "render.device",
-    "behave.steps",
+    "behave.steps", "behave.pixels", "behave.policy",
     "interop.sb3.check_env", "interop.sb3.learn",
     "interop.torchrl.gym", "interop.torchrl.gym_tensor", "interop.torchrl.isaaclab",
     "interop.torchrl.isaaclab_native", "interop.torchrl.backend",
@@ -87,6 +87,9 @@ MISLEADING = frozenset({"single.start_pose", "single.contact", "single.solver", 
 
 IMPORT_CHECK = CHECKS[0]
 PHASES = tuple(dict.fromkeys(name.partition(".")[0] for name in STANDARD))
+
+MAKE_BANK, STEP, DRAW, PLAY = "behave.bank", "behave.steps", "behave.pixels", "behave.policy"
+"""The checks that make a bank of states, step from one, draw states of one, and play by a policy."""
 
 INCELL = Path(__file__).parent.parent / "incell"
 # Listed, not imported: nothing of the host imports the programs that run in cells.
@@ -409,9 +412,9 @@ def checks_of(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _stands_for(check: str, names: Sequence[str]) -> bool:
-    """Return whether one of these phases names a check: a usual one, or any, of behave, of interop and by `.*`."""
+    """Return whether one of these phases names a check: a usual one, or any, of interop and by `.*`."""
     phase = check.partition(".")[0]
-    return f"{phase}.*" in names or (phase in names and (check in STANDARD or phase in {"behave", "interop"}))
+    return f"{phase}.*" in names or (phase in names and (check in {*STANDARD, "behave.steps"} or phase == "interop"))
 
 
 # --- when ------------------------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from harness.physics.consequence import Consequence, Effect
 from harness.physics.relation import STARTS, Class, Comparison, Difference
 
 OUTPUTS = {
@@ -88,3 +89,23 @@ def number(value: float) -> str:
 def moves(moved: Mapping[str, tuple[str | None, str | None]]) -> str:
     """Return which packages differ, each with both versions; empty for none."""
     return ", ".join(f"{name} {before or 'absent'} -> {after or 'absent'}" for name, (before, after) in moved.items())
+
+
+def describe_consequence(effect: Consequence) -> str:
+    """Return the effect of a change on a policy, with what was seen on both sides and how sure that is."""
+    low, high, difference = (f"{value:+.1f}" for value in (effect.low, effect.high, effect.difference))
+    if effect.measure == "success":
+        before, after = (f"{100 * value:.1f} %" for value in (effect.before, effect.after))
+        seen = f"{before} of {effect.episodes} episodes succeed before, {after} after ({difference} points"
+    else:
+        before, after = (f"{value:,.1f}" for value in (effect.before, effect.after))
+        seen = f"mean return of {effect.episodes} episodes {before} before, {after} after ({difference} points"
+    parts = [f"{effect.effect}: {seen}, {low} to {high})"]
+    if effect.identical and effect.effect is Effect.EQUAL:
+        parts.append("every episode is the same, to the bit")
+    parts.append(f"a difference of {effect.least:.1f} points would have been seen")
+    if effect.moved_starts:
+        parts.append(f"{effect.moved_starts} of the same seeds start elsewhere")
+    if not effect.repeats:
+        parts.append("an episode does not repeat itself")
+    return "; ".join(parts)

@@ -26,11 +26,11 @@ LAST_LINES = 12_000
 PICTURE, ARRAYS = ".png", ".npz"
 """Endings of the files of a run that are not text: they are read on demand."""
 
-MAKE_BANK, STEP = "behave.bank", "behave.steps"
-"""The checks that make a bank of states, and that step from one."""
+GIVEN, OUTPUTS, BANK, PIXELS, PLAYED = "given.npz", "outputs.npz", "bank.npz", "pixels.npz", "played.npz"
+"""The bank of states that a probe is given, what they led to, a bank that it made, what it drew, and what it played.
 
-GIVEN, OUTPUTS, BANK = "given.npz", "outputs.npz", "bank.npz"
-"""The bank of states that a probe is given, what they led to, and a bank that it made; see `incell/cell_arrays.py`."""
+See `incell/cell_arrays.py`, `incell/check_behave_pixels.py` and `incell/check_behave_policy.py`.
+"""
 
 SHORT_NAME = 16
 """Hexadecimal digits of a run's name in the name of its folder."""

@@ -13,9 +13,22 @@ from harness.machine import process
 from harness.machine.store import now
 from harness.model import Outcome
 from harness.model.hostile_data import Unreadable
+from harness.model.vocabulary import DRAW, STEP
 from harness.packages.environments import bytecode
 from harness.probes import array_files, bare_start, launch, program, thumbnails
-from harness.probes.evidence import BANK, GIVEN, OUTPUTS, PICTURE, REPLY, STEP, Host, ProbeRun, Request, RunEnd
+from harness.probes.evidence import (
+    BANK,
+    GIVEN,
+    OUTPUTS,
+    PICTURE,
+    PIXELS,
+    PLAYED,
+    REPLY,
+    Host,
+    ProbeRun,
+    Request,
+    RunEnd,
+)
 from harness.probes.vault import MOST_FILE, Vault, keep_files
 from harness.standalone.failures.lines import normalise
 
@@ -65,8 +78,8 @@ class Laboratory:
         return self.vault.put(run, key)
 
     def _bank(self, request: Request) -> bytes | None:
-        """Return the bank of states that a request steps from, None if it steps from none."""
-        name = request.case.bank if request.case and STEP in request.limits else None
+        """Return the bank of states that a request steps from or draws, None if it needs none."""
+        name = request.case.bank if request.case and {STEP, DRAW} & request.limits.keys() else None
         return self.vault.content(name, MOST_FILE) if name else None
 
     def _host(self, site: launch.Site, ran: launch.ProbeResult, clean: _Cleaner) -> Host:
@@ -141,7 +154,7 @@ def _texts(ran: launch.ProbeResult, clean: _Cleaner) -> Iterator[tuple[str, byte
 def _arrays(ran: launch.ProbeResult) -> dict[str, bytes]:
     """Return the arrays that the probe left, in a form that is equal for equal arrays; none that cannot be read."""
     arrays = {}
-    for name in (OUTPUTS, BANK):
+    for name in (OUTPUTS, BANK, PIXELS, PLAYED):
         with suppress(Unreadable):
             content = ran.left.head(name, array_files.MOST_BYTES + 1)
             arrays[name] = array_files.encode(array_files.decode(content))

@@ -1,11 +1,15 @@
-"""Turn frames that a probe rendered into small PNGs."""
+"""Turn frames that a probe rendered into small PNGs, and read those."""
 
 from __future__ import annotations
 
 import io
 import re
+from typing import TYPE_CHECKING, Any
 
 from harness.model.hostile_data import Unreadable, raise_unreadable
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 WIDTH = 192
 LARGEST = 64 << 20
@@ -43,3 +47,16 @@ def thumbnail(content: bytes) -> bytes | None:
     written = io.BytesIO()
     image.save(written, "PNG", optimize=True)
     return written.getvalue()
+
+
+def read(content: bytes) -> NDArray[Any]:
+    """Return the pixels of a small PNG: (height, width, 3). Raises Unreadable."""
+    import numpy as np  # noqa: PLC0415 - only reports of pictures pay for it
+    from PIL import Image  # noqa: PLC0415
+
+    with raise_unreadable():
+        image = Image.open(io.BytesIO(content), formats=["PNG"])
+        if max(image.size) > WIDTH:
+            message = f"it is larger than {WIDTH} pixels"
+            raise Unreadable(message)
+        return np.asarray(image.convert("RGB"))

@@ -1,6 +1,7 @@
 """Add behaviour to a document: the family of each case in each cell, and the boundaries between releases.
 
-Cells are compared case by case, from the outputs that their probe runs left. Nothing is measured.
+Cells are compared case by case, from the outputs that their probe runs left. Nothing is measured. Consequences are what
+a change does to a policy that played in both cells.
 """
 
 from __future__ import annotations
@@ -12,15 +13,23 @@ from typing import Literal
 
 import msgspec
 
-from harness.model import CaseRecord, CellRecord, Plan
+from harness.model import Case, CaseRecord, CellRecord, Plan
 from harness.model.hostile_data import Unreadable
-from harness.model.report_types import BehaviourEntry, BoundaryEntry, CaseEntry, CellEntry, Document
+from harness.model.report_types import (
+    BehaviourEntry,
+    BoundaryEntry,
+    CaseEntry,
+    CellEntry,
+    ConsequenceEntry,
+    Document,
+)
 from harness.physics import families, sentences
 from harness.physics.comparison import compare
+from harness.physics.consequence import Play, consequence
 from harness.physics.outputs import Bank, Outputs
 from harness.physics.relation import Class, Comparison
 from harness.probes import array_files
-from harness.probes.evidence import GIVEN, OUTPUTS
+from harness.probes.evidence import GIVEN, OUTPUTS, PLAYED
 from harness.probes.vault import MOST_FILE, Vault
 from harness.reports import changelogs
 from harness.running import behaviour_runs
@@ -29,8 +38,10 @@ OUTPUT_OF = {"observation": "observation", "reward": "reward", "ended": "termina
 """Outputs whose class a case entry names, by the name of it there; the dynamics and the start come with them."""
 
 
-def add(document: Document, records: Iterable[CellRecord], plans: Sequence[Plan], vault: Vault) -> Document:
-    """Return the document with the behaviour of its cases; the same one where no case was stepped from a bank."""
+def add(document: Document, records: Sequence[CellRecord], plans: Sequence[Plan], vault: Vault) -> Document:
+    """Return the document with the behaviour of its cases, and with consequences; the same one where there is none."""
+    consequences = tuple(_consequences(records, plans, vault))
+    document = msgspec.structs.replace(document, consequences=consequences) if consequences else document
     measured = _measured(records, vault)
     if not measured:
         return document
@@ -215,3 +226,76 @@ def _classes(comparison: Comparison) -> dict[str, str]:
     classes = {"sum": comparison.kind, "dynamics": comparison.dynamics, "start": comparison.start}
     classes |= {name: comparison.of(output).kind for output, name in OUTPUT_OF.items()}
     return {name: str(kind) for name, kind in classes.items()}
+
+
+# --- consequences ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Played:
+    """A case of a cell with the episodes that its policy played."""
+
+    record: CellRecord
+    case: Case
+    play: Play
+
+
+def _consequences(records: Iterable[CellRecord], plans: Sequence[Plan], vault: Vault) -> Iterator[ConsequenceEntry]:
+    """Yield the consequence of each step from a release to the next in which a policy played, task by task."""
+    axes = {plan.matrix: plan.axes for plan in plans}
+    tasks: dict[tuple[str, str, str], list[_Played]] = {}
+    for record in records:
+        cases = {case.id: case for case in record.cell.cases if case.policy}
+        for result in record.cases:
+            arrays = behaviour_runs.arrays_of(result, PLAYED, vault) if result.case in cases else None
+            if arrays:
+                play = Play.of(arrays, array_files.facts(arrays))
+                key = record.cell.matrix, record.machine, result.case
+                tasks.setdefault(key, []).append(_Played(record, cases[result.case], play))
+    for key, task in tasks.items():
+        for axis in axes.get(key[0], ()):
+            if axis != "python":
+                yield from _steps(axis, task)
+
+
+def _steps(axis: str, task: Sequence[_Played]) -> Iterator[ConsequenceEntry]:
+    """Yield the consequence of each step along an axis."""
+    lines: dict[tuple[tuple[str, str], ...], dict[str, _Played]] = {}
+    for played in task:
+        values = played.record.cell.axes
+        rest = tuple(sorted((name, value) for name, value in values.items() if name != axis))
+        lines.setdefault(rest, {})[values[axis]] = played
+    for line in lines.values():
+        for before, after in pairwise(sorted(line, key=families.release_order)):
+            entry = _consequence(axis, (before, after), line[before], line[after])
+            if entry:
+                yield entry
+
+
+def _consequence(axis: str, values: tuple[str, str], before: _Played, after: _Played) -> ConsequenceEntry | None:
+    """Return the consequence of a step between two releases; None if not the same was played in both."""
+    if (before.case.policy, before.case.seed) != (after.case.policy, after.case.seed):
+        return None
+    effect = consequence(before.play, after.play, (before.case.policy or {}).get("gain"))
+    if effect is None:
+        return None
+    return ConsequenceEntry(
+        matrix=before.record.cell.matrix,
+        case=before.case.id,
+        axis=axis,
+        before=values[0],
+        after=values[1],
+        cells=(before.record.cell.id, after.record.cell.id),
+        effect=effect.effect,
+        measure=effect.measure,
+        episodes=effect.episodes,
+        values=(round(effect.before, 4), round(effect.after, 4)),
+        difference=round(effect.difference, 2),
+        interval=(round(effect.low, 2), round(effect.high, 2)),
+        least=round(effect.least, 2),
+        moved_starts=effect.moved_starts,
+        identical=effect.identical,
+        repeats=effect.repeats,
+        moved=families.moved_packages(before.record.installed or {}, after.record.installed or {}),
+        text=sentences.describe_consequence(effect),
+    )

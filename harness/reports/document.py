@@ -129,8 +129,8 @@ def marks() -> Callable[[Cell], str]:
             # An empty later field adds nothing, so a cell without it keeps the mark that older reports hold.
             around = (cell.files, cell.needs, *filter(None, later))
             content = msgspec.json.encode((question, cell.cases, *around), order="deterministic")
-            # A case without a bank of states has the mark that older reports hold.
-            content = content.replace(b'"bank":null,', b"")
+            # A case without a bank of states, or a policy, has the mark that older reports hold.
+            content = content.replace(b'"bank":null,', b"").replace(b'"policy":null,', b"")
             cache[key] = sha256(content).hexdigest()[:16]
         return cache[key]
 
@@ -426,6 +426,8 @@ def combine(documents: Sequence[Document]) -> Document:
         stale=tuple(dict.fromkeys(sentence for document in documents for sentence in document.stale)),
         probes={name: probe for document in documents for name, probe in document.probes.items()},
         boundaries=tuple(one for document in documents for one in document.boundaries or ()) or msgspec.UNSET,
+        pictures=tuple(one for document in documents for one in document.pictures or ()) or msgspec.UNSET,
+        consequences=tuple(one for document in documents for one in document.consequences or ()) or msgspec.UNSET,
     )
 
 

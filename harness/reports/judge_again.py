@@ -24,6 +24,7 @@ from harness.model.report_types import CellEntry, Document, first_few, format_co
 from harness.probes.vault import Vault
 from harness.reports import behaviour, document, packs, publishing
 from harness.reports.packs import Index, Packed
+from harness.reports.pictures import boundaries as picture_boundaries
 from harness.running import open_matrix
 from harness.running.signatures import shipped_signatures
 from harness.standalone.output import print_json
@@ -90,7 +91,8 @@ def judge(folder: Path, index: Index, opened: Store) -> JudgedReport:
 
     def build(generated: str) -> Document:
         document_made = document.build(records, plans, machines, generated, locate, probes, knowledge=knowledge)
-        return behaviour.add(document_made, records, plans, vault)
+        document_made = behaviour.add(document_made, records, plans, vault)
+        return picture_boundaries.add(document_made, records, plans, vault)
 
     # The first build is as of the last judging: only with that instant can an unchanged report be equal to the byte.
     again = JudgedReport(folder=folder, index=index, plans=plans, document=build(index.judged))

@@ -1,7 +1,8 @@
 """Pack the evidence behind a report into one file beside it, from which the report can be made again.
 
 `evidence.tar.xz` holds the records of the cells without anything that was judged from a probe run, every run that they
-were judged by with the texts that it left, and the logs of steps on the host. Frames lie beside the report as pictures.
+were judged by with the texts that it left, and the logs of steps on the host. Frames lie beside the report as pictures,
+banks of states that come with the harness beside their matrices.
 `index.json` names the packs of a report by their SHA-256, and the instant that the report was judged at.
 """
 
@@ -27,6 +28,7 @@ from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 from harness.probes.evidence import PICTURE
 from harness.probes.vault import MOST_FILE, Vault
 from harness.reports import array_packs
+from harness.running import open_matrix
 
 INDEX, PACK = "index.json", "evidence{}.tar.xz"
 CELLS, CONTENTS, LOGS = "cells.json", "cas", "evidence"
@@ -120,10 +122,12 @@ def _arrays_by_task(packed: Packed, vault: Vault) -> dict[str, list[str]]:
     They are not divided by cells: each pack begins with whole arrays, from which those of the next releases differ.
     """
     tasks: dict[str, list[str]] = {}
+    banks = _shipped_banks()
     for record in packed.records:
         for case in record.cases:
             for name in case.runs:
-                tasks.setdefault(_task(case), []).extend(vault.arrays(name))
+                arrays = [one for one in vault.arrays(name) if one not in banks]
+                tasks.setdefault(_task(case), []).extend(arrays)
     return {task: list(dict.fromkeys(names)) for task, names in tasks.items() if names}
 
 
@@ -151,19 +155,24 @@ def _bare(record: CellRecord) -> CellRecord:
 
 
 def _members(packed: Packed, state: Path) -> dict[str, bytes]:
-    vault = Vault(state)
+    vault, banks = Vault(state), _shipped_banks()
     files = {CELLS: msgspec.json.encode(packed, order="deterministic")}
     for record in packed.records:
         files |= _logs(record, state)
         for name in runs(record):
-            files |= {f"{CONTENTS}/{sha}": content for sha, content in vault.contents(name).items()}
+            files |= {f"{CONTENTS}/{sha}": content for sha, content in vault.contents(name).items() if sha not in banks}
     return files
 
 
+def _shipped_banks() -> dict[str, bytes]:
+    """Return the banks of states that come with the harness, by SHA-256: no pack has to repeat them."""
+    contents = (file.read_bytes() for file in sorted((open_matrix.data_folder() / "banks").glob("*.npz")))
+    return {sha256(content): content for content in contents}
+
+
 def _task(case: CaseRecord) -> str:
-    """Return the environment of a case without its version: versions of a task share most of their arrays."""
-    env = case.env or case.case
-    return env.rpartition("-v")[0] or env
+    """Return the id of a case without the version of its environment: versions of a task share most arrays."""
+    return case.case.rpartition("-v")[0] or case.case
 
 
 def _logs(record: CellRecord, state: Path) -> dict[str, bytes]:
@@ -217,6 +226,8 @@ def unpack(folder: Path, report_index: Index, state: Path) -> tuple[Packed, ...]
     unpacked = [_unpacked(folder / name, sha, state) for name, sha in report_index.packs.items()]
     packs = tuple(one for one in unpacked if one)
     vault = Vault(state)
+    for bank in _shipped_banks().values():
+        vault.keep(bank)
     for path in sorted((folder / "frames").glob(f"*{PICTURE}")):
         vault.keep(guarded_files.read(path, MOST_FRAME))
     for path in sorted((folder / "locks").glob("*")):

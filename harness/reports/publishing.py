@@ -31,6 +31,7 @@ from harness.probes import launch
 from harness.probes.evidence import REPLY
 from harness.probes.vault import Vault
 from harness.reports import behaviour, document, freshness, packs, size_plot
+from harness.reports.pictures import boundaries as picture_boundaries
 from harness.reports.tables import tables
 from harness.reports.tables.table_types import Report
 from harness.reports.template_files import read_template
@@ -112,6 +113,7 @@ def publish(
                 try:
                     report = making(locate=place(records, opened, folder))
                     report = behaviour.add(report, records, [plan], Vault(opened.folder))
+                    report = picture_boundaries.add(report, records, [plan], Vault(opened.folder))
                     shown = write(report, folder, wanted.pivot, plan.page)
                     # A report in the state folder needs no pack, because its evidence lies in the same folder.
                     if wanted.out:

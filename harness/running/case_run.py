@@ -141,4 +141,5 @@ def _case_inputs(case: Case) -> tuple[object, ...]:
     drawn = sorted((case.picture or {}).items())
     modules = (case.imports, case.providers, case.beside)
     bank = (case.bank,) if case.bank else ()  # the keys of cases without a bank stay what they were
-    return case.env, case.api, case.kwargs, modules, drawn, case.steps, case.seed, *bank
+    policy = (case.policy,) if case.policy else ()
+    return case.env, case.api, case.kwargs, modules, drawn, case.steps, case.seed, *bank, *policy

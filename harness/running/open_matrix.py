@@ -9,13 +9,13 @@ from dataclasses import replace
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from harness.machine.files import given_files, guarded_files
 from harness.machine.store import Store, now, write_atomic
-from harness.matrix import matrix_file, matrix_remedies, overlay_recipes, plan, version_ranges
+from harness.matrix import matrix_file, matrix_remedies, overlay_recipes, plan, policies, version_ranges
 from harness.matrix.matrix_types import Expansion, Matrix
 from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject
 from harness.model.errors import BadInput, CouldNotTell
@@ -96,6 +96,7 @@ def gather(
         index=_located(matrix.index, path.parent),
         project=_project(matrix.subject, path.parent) if matrix.subject else None,
         banks={bank: _bank(path.parent / bank, place) for bank, place in matrix_file.banks(matrix).items()},
+        policies={name: _policy(path.parent / name, place) for name, place in matrix_file.policies(matrix).items()},
     )
     if ask and expansion and matrix.strategy.covering and (renew or not expansion.chosen):
         return replace(sources, expansion=_chosen(sources, expansion, ask, say))
@@ -142,7 +143,8 @@ def files(name: str) -> dict[str, Path]:
     beside = [Path(expanded.name)] if matrix.expands and expanded.exists() else []
     beside += [file.relative_to(path.parent) for file in sorted((path.parent / OVERLAYS).glob("*.toml"))
                if matrix_file.repairing(matrix)]  # fmt: skip
-    names = [Path(path.name), *beside, *map(Path, matrix_file.sources(matrix)), *map(Path, matrix_file.banks(matrix))]
+    named = (*matrix_file.sources(matrix), *matrix_file.banks(matrix), *matrix_file.policies(matrix))
+    names = [Path(path.name), *beside, *map(Path, named)]
     return {one.as_posix(): path.parent / one for one in names}
 
 
@@ -154,6 +156,15 @@ def _bank(path: Path, place: str) -> tuple[str, str]:
         message = f"{place}: {path}: {error}"
         raise BadInput(message) from None
     return hashlib.sha256(content).hexdigest(), str(path.resolve())
+
+
+def _policy(path: Path, place: str) -> dict[str, Any]:
+    """Return the policy in a file, as a case holds it. Raises BadInput."""
+    try:
+        return policies.read(guarded_files.read(path, policies.MOST_BYTES, follow=True))
+    except Unreadable as error:
+        message = f"{place}: {path}: {error}; make one with `python -m benchmarks.linear_policy ENV --out FILE`"
+        raise BadInput(message) from None
 
 
 def locate(name: str) -> Path:

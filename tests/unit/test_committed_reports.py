@@ -113,7 +113,8 @@ class TestCommittedReport:
         cases = [case for cell in read(folder).cells for case in cell.cases]
         frames = [frame for case in cases for frame in case.frames]
 
-        assert bool(frames) == any(case.checks.get("render.rgb_array") == "passed" for case in cases)
+        drawing = ("render.rgb_array", "behave.pixels")
+        assert bool(frames) == any(case.checks.get(check) == "passed" for case in cases for check in drawing)
         assert all((folder / frame).is_file() for frame in frames)
 
     def test_nothing_of_a_machine_or_an_index(self, folder: Path) -> None:

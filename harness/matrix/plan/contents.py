@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 from msgspec import convert
 from msgspec.structs import asdict
 
-from harness.matrix import overlay_recipes
+from harness.matrix import overlay_recipes, policies
 from harness.matrix.matrix_types import (
     CONDITIONAL,
     NO_CHANGES,
@@ -33,7 +33,9 @@ from harness.model.vocabulary import (
     APIS,
     IMPORT_CHECK,
     OF_SUBJECT,
+    PLAY,
     SELF,
+    STEP,
     Kind,
     api_of,
     case_id,
@@ -86,6 +88,7 @@ class Contents:
         self.baseline = baseline
         self.texts = sources.texts
         self.banks = sources.banks
+        self.policies = sources.policies
         self.snapshot = snapshot
         self.index = sources.index or matrix.index
         self.source = sources.project.source if sources.project else matrix.subject
@@ -264,7 +267,9 @@ class Contents:
     def _case(self, table: CaseTable) -> Case:
         """Return a case; the modules of the subject may register its environment."""
         bank = self.banks[table.bank][0] if table.bank else None
-        return replace(_case(table), packages=(SELF,) if self.matrix.subject and table.env else (), bank=bank)
+        policy = policies.of_case(table.policy, table.episodes, self.policies)
+        packages = (SELF,) if self.matrix.subject and table.env else ()
+        return replace(_case(table), packages=packages, bank=bank, policy=policy)
 
     def _when(self, table: CaseTable) -> Condition | _InBaseline:
         when = condition(self.matrix, table.when)
@@ -276,15 +281,23 @@ class Contents:
 
 def _case(table: CaseTable) -> Case:
     values = asdict(table)
-    del values["when"], values["only"]
+    del values["when"], values["only"], values["episodes"]
     api, picture = api_of(table.env, table.api), asdict(table.picture).items() if table.picture else ()
     return Case(**values | {
         "id": table.id or case_id(table.env, table.imports),
         "api": api if api and table.env else "",
-        "checks": checks_of(table.checks) if table.env else (IMPORT_CHECK,),
+        "checks": _checks(table),
         "timeouts": {Phase(phase): seconds for phase, seconds in table.timeouts.items()},
         "picture": {name: colour for name, colour in picture if colour} or None,
     })  # fmt: skip
+
+
+def _checks(table: CaseTable) -> tuple[str, ...]:
+    """Return the checks of a case. Of the phase `behave` those that the case brings something for."""
+    if not table.env:
+        return (IMPORT_CHECK,)
+    useless = {PLAY} if not table.policy else {STEP} if not table.bank else set()
+    return tuple(check for check in checks_of(table.checks) if check not in useless)
 
 
 def _holding(parts: Sequence[_Part], combination: Combination) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from harness.matrix.matrix_types import Expansion, Matrix
 from harness.matrix.version_ranges import Breaks
@@ -35,6 +36,7 @@ class Sources:
         index: Where packages come from, found from anywhere; None: as the matrix says.
         project: The package under test; None: the source that the matrix names.
         banks: The SHA-256 and the file of each bank of states, by its path as the matrix names it.
+        policies: The content of each file of a policy, by its path as the matrix names it.
     """
 
     matrix: Matrix
@@ -46,3 +48,4 @@ class Sources:
     index: IndexSettings | None = None
     project: Project | None = None
     banks: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    policies: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

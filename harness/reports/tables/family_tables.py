@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Literal, TypeVar
 
-from harness.model.report_types import BoundaryEntry, CellEntry
+import msgspec
+
+from harness.model.report_types import BoundaryEntry, CaseEntry, CellEntry, ConsequenceEntry
 from harness.physics.families import release_order
 from harness.physics.relation import STARTS
 
@@ -19,6 +22,7 @@ EXERCISED: tuple[Literal["contact", "limit", "equality"], ...] = ("contact", "li
 """Constraints that a state may exercise."""
 
 T = TypeVar("T")
+N = TypeVar("N", CaseEntry, BoundaryEntry)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -83,6 +87,20 @@ class Change:
         """Return both releases, with the name of the axis unless they name their packages themselves."""
         named = f"{self.before} to {self.after}"
         return named if release_order(self.before)[0] else f"{self.axis} {named}"
+
+
+def call_by_ids(
+    cells: Sequence[CellEntry], boundaries: Iterable[BoundaryEntry]
+) -> tuple[tuple[CellEntry, ...], tuple[BoundaryEntry, ...]]:
+    """Return both, with the id of the case in place of an environment that several cases of a cell share."""
+    counts = [Counter(case.env for case in cell.cases) for cell in cells]
+    shared = {env for count in counts for env in count if env and count[env] > 1}
+
+    def called(entry: N) -> N:
+        return msgspec.structs.replace(entry, env=entry.case) if entry.env in shared else entry
+
+    renamed = tuple(msgspec.structs.replace(cell, cases=tuple(map(called, cell.cases))) for cell in cells)
+    return renamed, tuple(map(called, boundaries))
 
 
 def tables(
@@ -196,3 +214,18 @@ def _change(group: list[BoundaryEntry]) -> Change:
         cells=first.cells,
         changelog=first.changelog,
     )
+
+
+def consequence_lines(entries: Iterable[ConsequenceEntry]) -> tuple[tuple[str, str], ...]:
+    """Return each task and step between two releases, with the effect on a policy; tasks in their order."""
+    return tuple((f"{one.case}, {_step_title(one)}", one.text) for one in entries)
+
+
+def _step_title(entry: ConsequenceEntry) -> str:
+    """Return the package that moved with both versions, and what moved besides; the releases if nothing moved."""
+    moved = sorted(entry.moved, key=lambda name: (name not in entry.before, name != entry.axis, name))
+    if not moved:
+        return f"{entry.axis} {entry.before} to {entry.after}"
+    before, after = entry.moved[moved[0]]
+    others = f" (and {', '.join(moved[1:])})" if moved[1:] else ""
+    return f"{moved[0]} {before or 'absent'} to {after or 'absent'}{others}"

@@ -7,6 +7,7 @@ from enum import StrEnum
 from functools import cached_property
 
 from harness.model import Role, Verdict
+from harness.model.report_types import PicturesEntry
 from harness.reports.tables.family_tables import Change, FamilyTable
 
 
@@ -263,6 +264,8 @@ class Sheet:
     attempts: tuple[Attempt, ...] = ()
     families: tuple[FamilyTable, ...] = ()
     behaviour: tuple[Change, ...] = ()
+    pictures: tuple[PicturesEntry, ...] = ()
+    consequences: tuple[tuple[str, str], ...] = ()
     left_out: int = 0
 
 

@@ -75,6 +75,7 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
     works = {cell.id for cell in main if cell.verdict is Verdict.WORKS} - bad
     doubted = {cell.id for cell in main if cell.doubts} & works
     boundaries = [one for one in document.boundaries or () if one.matrix == name]
+    called, changed = family_tables.call_by_ids(main, boundaries)
     return Sheet(
         matrix=name,
         title=(matrix.title or TITLE).replace("{cells}", str(len(ids[Role.MAIN]))),
@@ -96,8 +97,10 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
         tasks=_tasks(main),
         suites=tuple(suite_tables.changes(main, matrix.axes)),
         attempts=tuple(verdict_reasons.attempts(cells)),
-        families=family_tables.tables(main, matrix.axes, boundaries),
-        behaviour=family_tables.changes(boundaries),
+        families=family_tables.tables(called, matrix.axes, changed),
+        behaviour=family_tables.changes(changed),
+        pictures=tuple(one for one in document.pictures or () if one.matrix == name),
+        consequences=family_tables.consequence_lines(one for one in document.consequences or () if one.matrix == name),
         drawing=_grouped((text, about, cell.id) for cell in cells for about, text in _drawing(cell)),
         repairs=_grouped((_repaired(one), str(one.link), cell.id) for cell in cells for one in cell.repairs),
     )

@@ -9,6 +9,7 @@ from typing import Any
 
 from harness.model import Role, Verdict
 from harness.model.report_types import SYMBOLS, UNTOLD, first_few, format_count, word
+from harness.reports.pictures import picture_markdown
 from harness.reports.tables.table_types import Attempt, Pivot, Remark, Report, Row, Sheet, Square, Task, Trouble
 from harness.reports.template_files import fill
 from harness.reports.text import family_markdown
@@ -59,6 +60,10 @@ def filters() -> dict[str, Callable[..., Any]]:
         "named": lambda verdict: f"{SYMBOLS[verdict]} {word(verdict)}",
         "number": format_count,
         "outcome": _outcome,
+        "picture_legend": picture_markdown.picture_legend,
+        "picture_sentences": picture_markdown.picture_sentences,
+        "picture_table": picture_markdown.picture_table,
+        "picture_title": picture_markdown.picture_title,
         "proven": proven,
         "reference": _reference,
         "result": result,

@@ -1,116 +1,78 @@
-"""Pictures that are not blank but wrong, and the display that windows need."""
+"""Pictures of set states: what is drawn otherwise, in `compare` and in a report."""
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-from commandline import CommandResult, Desk, DeskRun
+from commandline import Desk
 
-from harness.machine import display
-
-VIOLATION = "ContractViolation: render() returned "
-UNUSABLE = {
-    "Floats-v0": VIOLATION + "dtype float32, not uint8",
-    "Flat-v0": VIOLATION + "shape (32, 48), not (height, width, 3)",
-    "Nothing-v0": VIOLATION + "a NoneType, not an array",
-}
-WRONG = {
-    "UpsideDown-v0": [
-        ("render.upside_down", "what is #5a96dc lies below what is #3c7828: the picture is upside down"),
-    ],
-    "WrongColours-v0": [
-        ("render.picture", "nothing in the picture has the colour #5a96dc"),
-        ("render.picture", "something in the picture has the colour #dc965a, which a right one never has"),
-    ],
-    "Constant-v0": [
-        (
-            "render.constant",
-            "the picture never changes: the same over 45 steps while the observations change, and after a reset",
-        )
-    ],
-    "AtResets-v0": [
-        (
-            "render.stale",
-            "the picture stays the same over 45 steps while the observations change, and changes at a reset",
-        )
-    ],
-    "Behind-v0": [
-        (
-            "render.stale",
-            "render() draws an earlier state: asked again, without a step, it draws another picture",
-        )
-    ],
-    "Sky-v0": [],
-    "Still-v0": [],
-}
+HEAD = """
+axes = { python = ["host"], fake-lamp = ["1.0", "1.1", "2.0", "2.1", "2.2", "3.0"] }
+requirements = ["gymnasium"]
+index = { no_index = true, find_links = ["@WHEELS@"] }
+strategy = "full"
+"""
+SEED = HEAD + '[[cases]]\nenv = "fake_lamp:Lamp-v0"\napi = "gymnasium"\nchecks = ["import", "single.loop"]\n'
+MATRIX = SEED.replace('"single.loop"]', '"behave.pixels"]\nbank = "lamp.npz"')
+ENV = "fake_lamp:Lamp-v0"
 
 
-@pytest.fixture(scope="session")
-def pictures(once: Callable[[str, Callable[[Desk], CommandResult]], DeskRun]) -> DeskRun:
-    """Return a run of every wrong picture, and of a window on a display."""
-    text = (Path(__file__).parent / "pictures.toml").read_text(encoding="utf-8")
-    return once("pictures", lambda desk: desk.run("run", desk.matrix("pictures", text), "--json", "-j", "2"))
+@pytest.fixture
+def banked(desk: Desk) -> Desk:
+    """Return a desk with a bank of states that release 1.0 made, and a matrix that draws them."""
+    desk.matrix("lamp", SEED)
+    frozen = desk.run("freeze", "lamp.toml/py*_fake-lamp-1.0", "--states-only", "--out", "lamp.npz")
+    assert frozen.code == 0, frozen.err
+    desk.matrix("lamp", MATRIX)
+    return desk
 
 
-def _cases(measured: DeskRun) -> dict[str, dict[str, Any]]:
-    cell = measured.ran.cells("drawn")["pictures"]
-    return {case["env"].partition(":")[2]: case for case in cell["cases"]}
+def test_a_report_names_the_part_of_a_picture_that_moved_and_comes_back_from_its_evidence(banked: Desk) -> None:
+    """One pixel is not seen; camera, light and colour are told apart; a picture that never repeats claims nothing."""
+    ran = banked.run("run", "lamp.toml", "--out", "out", "--json")
+    assert ran.code == 0, ran.err
+    (pictures,) = ran.document["pictures"]
+    assert (pictures["axis"], pictures["method"]) == ("fake-lamp", "states")
+    assert pictures["letters"] == {ENV: ["a", "a'", "b", "c", "d", "?"]}
+    boundaries = {one["after"]: one["differences"][0] for one in pictures["boundaries"]}
+    assert {release: (one["kind"], one["moved"]) for release, one in boundaries.items()} == {
+        "1.1": ("imperceptible", []),
+        "2.0": ("changed", ["camera"]),
+        "2.1": ("changed", ["camera", "lights"]),
+        "2.2": ("changed", ["lights", "colours"]),
+        "3.0": ("changed", ["colours"]),
+    }
+    page = (banked.folder / "out" / "report.md").read_text(encoding="utf-8")
+    assert "| pictures / fake-lamp | 1.0 | 1.1 | 2.0 | 2.1 | 2.2 | 3.0 |\n" in page
+    assert "- fake-lamp 1.1 to 2.0: 1 of 1 tasks look different in " in page
+    before = {path.name: path.read_bytes() for path in Path(banked.folder / "out").glob("report.*")}
+    for path in Path(banked.folder / "out").glob("report.*"):
+        path.unlink()
+    again = banked.run("report", "--judge-again", "--write", "out")
+    assert again.code == 0, again.err
+    assert {path.name: path.read_bytes() for path in Path(banked.folder / "out").glob("report.*")} == before
 
 
-@pytest.mark.parametrize("env", UNUSABLE)
-def test_a_picture_that_cannot_be_used_fails(pictures: DeskRun, env: str) -> None:
-    """A picture that is no array, or of another shape or type, fails: a loop that takes pictures stops there."""
-    case = _cases(pictures)[env]
-
-    assert (case["checks"]["render.rgb_array"], case["decisive"]) == ("failed", UNUSABLE[env])
-
-
-@pytest.mark.parametrize("env", WRONG)
-def test_a_wrong_picture_is_a_warning(pictures: DeskRun, env: str) -> None:
-    """A picture that is wrong but not blank is a warning of its own kind; a right picture has none."""
-    found = pictures.ran.cells("drawn")["pictures"]["findings"]
-    case = _cases(pictures)[env]
-
-    told = [(one["check"], one["text"]) for one in found if case["case"] in one["cases"]]
-    assert told == WRONG[env]
-    assert case["checks"]["render.rgb_array"] == "passed"
+def test_compare_says_how_both_look_and_where_their_frames_lie(banked: Desk) -> None:
+    """Exit status 0 where nobody sees a difference, 1 where the camera moved, 3 where the drawing does not repeat."""
+    cells = {version: f"lamp.toml/py*_fake-lamp-{version}" for version in ("1.0", "1.1", "2.0", "3.0")}
+    same = banked.run("compare", cells["1.0"], cells["1.1"])
+    assert same.code == 0
+    text = " ".join(same.out.split())
+    assert f"{ENV}: is drawn with other pixels, and nobody sees the difference; with the same camera" in text
+    other = banked.run("compare", cells["1.0"], cells["2.0"], "--json")
+    (entry,) = other.document["environments"]
+    assert (other.code, entry["kind"], entry["pixels"], entry["moved_parts"]) == (1, "identical", "changed", ["camera"])
+    assert all((banked.folder / frame).is_file() for frames in entry["frames"] for frame in frames)
+    assert all(entry["frames"])
+    loose = banked.run("compare", cells["1.0"], cells["3.0"])
+    assert (loose.code, "it does not draw the same state twice alike" in " ".join(loose.out.split())) == (3, True)
 
 
-def test_a_warning_that_is_required_not_to_be_there(pictures: DeskRun) -> None:
-    """A matrix that requires pictures to change as the environment moves has a red cell for constant ones."""
-    cell = pictures.ran.cells("drawn")["refused"]
-
-    assert (cell["phases"]["render"], cell["decisive"].partition(":")[0]) == ("failed", "render.constant")
-
-
-def test_a_window_has_a_display(pictures: DeskRun) -> None:
-    """A lock that holds pyglet gets our own display; the result records its use, but not its number."""
-    if display.program() is None:
-        pytest.skip("missing library: xvfb")
-    cell = pictures.ran.cells("drawn")["window"]
-
-    assert (cell["verdict"], cell["supplied"]["DISPLAY"]) == ("works", "virtual")
-    assert "DISPLAY" not in pictures.ran.cells("drawn")["pictures"]["supplied"]
-
-
-def test_a_display_that_is_lacking(pictures: DeskRun, desk: Desk) -> None:
-    """Without Xvfb drawing in windows is unavailable, with the package that brings Xvfb; the rest works."""
-    (desk.folder / "bin").mkdir()
-    unshare = shutil.which("unshare")
-    if unshare:
-        (desk.folder / "bin/unshare").symlink_to(unshare)
-    matrix = pictures.desk.folder / "pictures.toml"
-    variables = {"PATH": str(desk.folder / "bin"), "DISPLAY": "", "HARNESS_CACHE": str(desk.cache)}
-
-    cell = desk.run("run", matrix, "-k", "*window*", "--json", **variables).cells("drawn")["window"]
-
-    assert (cell["verdict"], cell["unverified"]) == ("works", ["render"])
-    assert cell["cases"][0]["decisive"] == (
-        "no X display here (no Xvfb): install Debian's xvfb and libgl1-mesa-dri, or run where DISPLAY names an X "
-        'server (pyglet.NoSuchDisplayException: Cannot connect to "None")'
-    )
-    assert "DISPLAY" not in cell["supplied"]
+def test_compare_draws_where_no_case_asks_for_it_if_that_is_wanted(banked: Desk) -> None:
+    """Without the option nothing is drawn."""
+    banked.matrix("lamp", SEED)
+    cells = [f"lamp.toml/py*_fake-lamp-{version}" for version in ("1.0", "2.0")]
+    assert banked.run("compare", *cells).code == 0
+    assert banked.run("compare", *cells, "--pixels").code == 1

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from harness.ci import first_cases
-from harness.model.vocabulary import APIS, CHECKS, INCELL
+from harness.model.vocabulary import APIS, CHECKS, INCELL, MAKE_BANK
 from harness.probes import program, wire
-from harness.probes.evidence import MAKE_BANK
 
 FOLLOWERS = tuple(name for names in wire.FOLLOWERS.values() for name in names)
 ALL = (*CHECKS, *FOLLOWERS, "single.repeat", first_cases.LISTING, MAKE_BANK)
@@ -66,7 +65,7 @@ def test_words_change_nothing(name: str, before: str, after: str, changed) -> No
         ("check_render_unclosed.py", "env.render()", "env.render(), env.render()", ("render.unclosed",)),
         ("check_single_start_pose.py", "FAR = 0.05", "FAR = 0.06", ("single.start_pose",)),
         ("cell_batch.py", "PATIENCE = 3.0", "PATIENCE = 4.0", (*VECTOR, "render.device")),
-        ("cell_pictures.py", "WINDOW = 5", "WINDOW = 6", ("render.rgb_array",)),
+        ("cell_pictures.py", "WINDOW = 5", "WINDOW = 6", ("render.rgb_array", "behave.pixels")),
         ("check_list_environments.py", "environments = {}", "environments = dict()", (first_cases.LISTING,)),
         ("cell_side_effects.py", '".teardown"', '".after"', ALL),
         ("cell_errors.py", '"(its message', '"(the message', ALL),

@@ -263,6 +263,7 @@ def test_request() -> None:
             "timeouts": {"single": 3.0},
             "picture": None,
             "bank": None,
+            "policy": None,
             "steps": 100,
             "seed": 7,
             "memory_mb": 6000,

@@ -55,6 +55,33 @@ def test_every_environment_has_a_row() -> None:
     assert [env for env, _ in table.coverage] == ["Ant-v4, v5", "robosuite:Lift", "robosuite:Stack"]
 
 
+def test_cases_that_share_an_environment_are_called_by_their_ids() -> None:
+    """Meta-World's tasks are arguments of one environment: each case has a row and a line of its own."""
+
+    def with_tasks(release: str, reference: str | None, families: str) -> CellEntry:
+        made = behaving(release, reference)
+        (only,) = made.cases
+        cases = []
+        for name, family in zip(("peg-v3", "reach-v3"), families, strict=True):
+            assert only.behaviour
+            behaviour = msgspec.structs.replace(only.behaviour, family=family)
+            cases.append(msgspec.structs.replace(only, case=name, env="Meta-World/MT1", behaviour=behaviour))
+        return msgspec.structs.replace(made, cases=tuple(cases))
+
+    cells = [with_tasks("3.2.0", None, "AA"), with_tasks("3.9.0", "quick/mujoco-3.2.0", "BA")]
+    boundary = BoundaryEntry(
+        matrix="quick", case="peg-v3", env="Meta-World/MT1", axis="mujoco", before="3.2.0", after="3.9.0",
+        cells=(cells[0].id, cells[1].id), kind="changed", start="identical", stage=None, output="state", largest=1.0,
+        median=0.5, share=1.0, moved={}, between=(), text="behaves otherwise", changelog="",
+    )  # fmt: skip
+    called, boundaries = family_tables.call_by_ids(cells, [boundary])
+    (table,) = family_tables.tables(called, ("python", "mujoco"), boundaries)
+    assert table.rows == (("peg-v3", ("A", "B")), ("reach-v3", ("A", "A")))
+    assert [change.lines for change in family_tables.changes(boundaries)] == [(("peg-v3", "behaves otherwise"),)]
+    steps = table.steps["peg-v3"][1], table.steps["reach-v3"][1]
+    assert [step and step.kind for step in steps] == ["changed", "identical"]
+
+
 def test_an_axis_of_two_packages_is_called_after_both() -> None:
     """The values name them: `gym-0.26.2`, `gymnasium-1.0.0`; a boundary's title has no axis before it."""
     cells = [behaving("gymnasium-1.0.0", axis="release"), behaving("gym-0.26.2", axis="release")]

@@ -1,0 +1,5 @@
+import numpy
+
+
+def asarray(values):
+    return numpy.asarray(values, dtype=numpy.float32)
