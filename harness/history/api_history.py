@@ -65,8 +65,8 @@ class MeasuredRelease:
 
 def fold(package: str, releases: Sequence[MeasuredRelease]) -> ApiHistory:
     """Return the history of a package from its releases, oldest first."""
-    read = [number for number, one in enumerate(releases) if one.facts]
-    ran = [number for number, one in enumerate(releases) if one.ran or one.environments is not None]
+    read = [number for number, release in enumerate(releases) if release.facts]
+    ran = [number for number, release in enumerate(releases) if release.ran or release.environments is not None]
 
     def spans(have: Callable[[MeasuredRelease], Iterable[str]], among: Sequence[int] = read) -> dict[str, Spans]:
         places: dict[str, list[int]] = {}
@@ -77,21 +77,21 @@ def fold(package: str, releases: Sequence[MeasuredRelease]) -> ApiHistory:
 
     def nested(field: str) -> dict[str, dict[str, Spans]]:
         owners = sorted({owner for number in read for owner in _named(releases[number], field)})
-        return {owner: spans(lambda one, owner=owner: _named(one, field).get(owner, ())) for owner in owners}  # type: ignore[misc]
+        return {owner: spans(lambda release, owner=owner: _named(release, field).get(owner, ())) for owner in owners}  # type: ignore[misc]
 
     return ApiHistory(
         package=package,
-        releases=tuple(one.entry for one in releases),
+        releases=tuple(release.entry for release in releases),
         ran=_spans([*range(len(ran))], ran),
-        modules=spans(lambda one: _facts(one).modules),
-        names={owner: one for owner, one in nested("names").items() if one},
-        members={owner: one for owner, one in nested("members").items() if one},
+        modules=spans(lambda release: _facts(release).modules),
+        names={owner: release for owner, release in nested("names").items() if release},
+        members={owner: release for owner, release in nested("members").items() if release},
         signatures=_signatures(releases, read),
-        requires=spans(lambda one: _facts(one).requires),
-        extras=spans(lambda one: _facts(one).extras),
-        entry_points=spans(lambda one: _facts(one).entry_points),
-        environments=spans(lambda one: one.environments or (), ran),
-        schema=spans(lambda one: one.schema or (), ran),
+        requires=spans(lambda release: _facts(release).requires),
+        extras=spans(lambda release: _facts(release).extras),
+        entry_points=spans(lambda release: _facts(release).entry_points),
+        environments=spans(lambda release: release.environments or (), ran),
+        schema=spans(lambda release: release.schema or (), ran),
     )
 
 
@@ -100,17 +100,17 @@ def encode(history: ApiHistory) -> bytes:
     return gzip.compress(msgspec.json.encode(history, order="sorted"), mtime=0)
 
 
-def _facts(one: MeasuredRelease) -> ReleaseFacts:
-    assert one.facts is not None
-    return one.facts
+def _facts(release: MeasuredRelease) -> ReleaseFacts:
+    assert release.facts is not None
+    return release.facts
 
 
-def _named(one: MeasuredRelease, field: str) -> dict[str, tuple[str, ...]]:
+def _named(release: MeasuredRelease, field: str) -> dict[str, tuple[str, ...]]:
     """Return names by their owner; those that running told count where there are any, as a file may hide some."""
-    told: dict[str, tuple[str, ...]] = getattr(one.facts, field)
-    if one.ran:
-        told = {**told, **getattr(one.ran, field)}
-    return told
+    names: dict[str, tuple[str, ...]] = getattr(release.facts, field)
+    if release.ran:
+        names = {**names, **getattr(release.ran, field)}
+    return names
 
 
 def _spans(ranks: Sequence[int], among: Sequence[int]) -> Spans:
@@ -131,11 +131,11 @@ def _signatures(
     runs: dict[str, list[list[int | str]]] = {}
     for rank, number in enumerate(read):
         for path, text in _facts(releases[number]).signatures.items():
-            known = runs.setdefault(path, [])
-            if known and known[-1][1] == rank - 1 and known[-1][2] == text:
-                known[-1][1] = rank
+            runs_here = runs.setdefault(path, [])
+            if runs_here and runs_here[-1][1] == rank - 1 and runs_here[-1][2] == text:
+                runs_here[-1][1] = rank
             else:
-                known.append([rank, rank, text])
+                runs_here.append([rank, rank, text])
     return {
         path: tuple((read[int(first)], read[int(last)], str(text)) for first, last, text in runs[path])
         for path in sorted(runs)

@@ -15,24 +15,24 @@ def main(folder: str, modules: Sequence[str]) -> None:
     """Print the document on the original standard output; whatever the packages print goes to standard error."""
     out, sys.stdout = sys.stdout, sys.stderr
     sys.path.insert(0, folder)
-    told: Dict[str, Any] = {"names": {}, "members": {}, "environments": None, "schema": None, "failed": {}}
+    document: Dict[str, Any] = {"names": {}, "members": {}, "environments": None, "schema": None, "failed": {}}
     for name in modules:
         try:
             module = importlib.import_module(name)
         except BaseException as error:
-            told["failed"][name] = f"{type(error).__name__}: {error}"[:200]
+            document["failed"][name] = f"{type(error).__name__}: {error}"[:200]
             continue
-        public = [one for one in dir(module) if not one.startswith("_")]
-        told["names"][name] = [one for one in public if not _foreign(module, one)]
-        for one in public:
-            value = getattr(module, one, None)
+        public = [name_there for name_there in dir(module) if not name_there.startswith("_")]
+        document["names"][name] = [name_there for name_there in public if not _foreign(module, name_there)]
+        for name_there in public:
+            value = getattr(module, name_there, None)
             if isinstance(value, type) and str(value.__module__).partition(".")[0] == name.partition(".")[0]:
                 members = sorted(member for member in dir(value) if not member.startswith("_"))
-                told["members"][f"{value.__module__}.{value.__qualname__}"] = members
-                told["members"][f"{name}.{one}"] = members
-    told["environments"] = _environments()
-    told["schema"] = _schema()
-    out.write(json.dumps(told, sort_keys=True))
+                document["members"][f"{value.__module__}.{value.__qualname__}"] = members
+                document["members"][f"{name}.{name_there}"] = members
+    document["environments"] = _environments()
+    document["schema"] = _schema()
+    out.write(json.dumps(document, sort_keys=True))
 
 
 def _foreign(module: Any, name: str) -> bool:
@@ -58,16 +58,16 @@ def _schema() -> Optional[List[str]]:
     mujoco: Any = sys.modules.get("mujoco")
     if not hasattr(mujoco, "mj_printSchema"):
         return None
-    found: Set[str] = set()
+    entries: Set[str] = set()
     path: List[str] = []
     for line in mujoco.mj_printSchema(False, False).splitlines():
         match = re.match(r"( *)(\w+) \([^)]+\)(.*)", line)
         if match:
             path[len(match.group(1)) // 3 :] = [match.group(2)]
-            found.add("/".join(path))
+            entries.add("/".join(path))
         for attribute in (match.group(3) if match else line).split():
-            found.add("/".join(path) + " " + attribute)
-    return sorted(found)
+            entries.add("/".join(path) + " " + attribute)
+    return sorted(entries)
 
 
 if __name__ == "__main__":

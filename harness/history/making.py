@@ -91,11 +91,11 @@ def _releases(package: PackagePlan, helpers: list[str]) -> Iterator[MeasuredRele
 
 def _without_placeholders(releases: list[MeasuredRelease]) -> list[MeasuredRelease]:
     """Return the releases; those that held a name for a package to come count as not read."""
-    sizes = sorted(_size(one) for one in releases if one.facts)
+    sizes = sorted(_size(item) for item in releases if item.facts)
     least = sizes[len(sizes) // 2] / PLACEHOLDER if sizes else 0
     return [
-        MeasuredRelease(entry=msgspec.structs.replace(one.entry, read=False)) if _size(one) < least else one
-        for one in releases
+        MeasuredRelease(entry=msgspec.structs.replace(item.entry, read=False)) if _size(item) < least else item
+        for item in releases
     ]
 
 
@@ -109,8 +109,8 @@ def _tag(wheel: str) -> str:
 
 def _choice(files: tuple[Artifact, ...], entry: ReleaseEntry) -> tuple[Artifact, Interpreter | None] | None:
     """Return the file to read, and a Python of this machine that can import it: a wheel rather than an sdist."""
-    pythons = [one for one in interpreters.available() if _admits(entry.python, one.version)]
-    for python in sorted(pythons, key=lambda one: Version(one.version), reverse=True):
+    pythons = [item for item in interpreters.available() if _admits(entry.python, item.version)]
+    for python in sorted(pythons, key=lambda item: Version(item.version), reverse=True):
         short = "".join(python.version.split(".")[:2])
         fitting = (rf"-(py3|py2\.py3|py3\d|cp{short}|cp3\d-abi3)-", "-(any|[^-]*linux[^-]*_x86_64)\\.whl$")
         for file in files:
@@ -122,7 +122,7 @@ def _choice(files: tuple[Artifact, ...], entry: ReleaseEntry) -> tuple[Artifact,
 
 def _near(pythons: list[Interpreter], entry: ReleaseEntry) -> Interpreter | None:
     """Return the Python that most of its time used, for a source that does not say: the oldest before 2022."""
-    ordered = sorted(pythons, key=lambda one: Version(one.version))
+    ordered = sorted(pythons, key=lambda item: Version(item.version))
     if not ordered:
         return None
     return ordered[0] if (entry.uploaded or "") < "2022" else ordered[len(ordered) // 2]
@@ -142,15 +142,15 @@ class ReleaseDocument(msgspec.Struct, frozen=True, kw_only=True):
     """What was read of one file, and what importing it told."""
 
     facts: ReleaseFacts
-    told: dict[str, Any] | None = None
+    answers: dict[str, Any] | None = None
 
 
 def _read(package: PackagePlan, artifact: Artifact, python: Interpreter | None, helpers: list[str]) -> ReleaseDocument:
-    programs = [Path(one.__file__ or "").read_text(encoding="utf-8") for one in (release_reader, describe_release)]
+    programs = [Path(item.__file__ or "").read_text(encoding="utf-8") for item in (release_reader, describe_release)]
     key = digest(artifact.sha256, package.imports, package.run, python.version if python else "", *programs)
-    kept = cache_folder() / "history" / f"{key}.json"
-    if kept.is_file():
-        return msgspec.json.decode(kept.read_bytes(), type=ReleaseDocument)
+    cached = cache_folder() / "history" / f"{key}.json"
+    if cached.is_file():
+        return msgspec.json.decode(cached.read_bytes(), type=ReleaseDocument)
     with tempfile.TemporaryDirectory() as scratch:
         archive = index.fetch(artifact, Path(scratch) / "file")
         folder = Path(scratch) / "release"
@@ -159,11 +159,11 @@ def _read(package: PackagePlan, artifact: Artifact, python: Interpreter | None, 
         if not {module.partition(".")[0] for module in facts.modules} & {*package.imports}:
             message = "none of its modules is in this file"
             raise ValueError(message)
-        told = _run(folder, package.run, python, helpers) if package.run and python else None
-    document = ReleaseDocument(facts=facts, told=told)
-    kept.parent.mkdir(exist_ok=True)
-    write_atomic(kept, msgspec.json.encode(document))
-    failed = {**facts.failed, **((told or {}).get("failed") or {})}
+        answers = _run(folder, package.run, python, helpers) if package.run and python else None
+    document = ReleaseDocument(facts=facts, answers=answers)
+    cached.parent.mkdir(exist_ok=True)
+    write_atomic(cached, msgspec.json.encode(document))
+    failed = {**facts.failed, **((answers or {}).get("failed") or {})}
     print(f"{package.name}: {artifact.filename}{f' {failed}' if failed else ''}", file=sys.stderr, flush=True)
     return document
 
@@ -178,20 +178,22 @@ def _run(folder: Path, modules: tuple[str, ...], python: Interpreter, helpers: l
     except subprocess.TimeoutExpired:
         return None
     try:
-        told: dict[str, Any] = msgspec.json.decode(done.stdout)
+        answers: dict[str, Any] = msgspec.json.decode(done.stdout)
     except msgspec.DecodeError:
         return None
-    return told
+    return answers
 
 
 def _helpers(python: Interpreter, helpers: list[str], *, numpy: bool) -> Path:
     """Return an environment that has what releases need to be imported."""
-    wanted = [*helpers, "numpy<1.24"] if numpy else [one for one in helpers if not one.startswith(("scipy", "imageio"))]
+    wanted = (
+        [*helpers, "numpy<1.24"] if numpy else [item for item in helpers if not item.startswith(("scipy", "imageio"))]
+    )
     home = cache_folder() / "history" / f"python-{digest(python.version, wanted)[:16]}"
     if not (home / "done").exists():
         minor = Version(python.version).minor
         if minor >= 12:
-            wanted = [one.replace("numpy<1.24", "numpy").replace("setuptools<66", "setuptools") for one in wanted]
+            wanted = [item.replace("numpy<1.24", "numpy").replace("setuptools<66", "setuptools") for item in wanted]
         subprocess.run(["uv", "venv", "-q", "--clear", "-p", python.path, str(home)], check=True)
         command = ["uv", "pip", "install", "-q", "--only-binary", ":all:", "-p", str(home / "bin" / "python")]
         subprocess.run([*command, *wanted], check=True)
@@ -200,13 +202,13 @@ def _helpers(python: Interpreter, helpers: list[str], *, numpy: bool) -> Path:
 
 
 def _measured(entry: ReleaseEntry, document: ReleaseDocument) -> MeasuredRelease:
-    told = document.told or {}
+    answers = document.answers or {}
     ran = None
-    if told.get("names"):
-        names = {name: tuple(one) for name, one in told["names"].items()}
-        members = {name: tuple(one) for name, one in told["members"].items()}
+    if answers.get("names"):
+        names = {name: tuple(item) for name, item in answers["names"].items()}
+        members = {name: tuple(item) for name, item in answers["members"].items()}
         ran = ReleaseFacts(names=names, members=members)
-    environments, schema = told.get("environments"), told.get("schema")
+    environments, schema = answers.get("environments"), answers.get("schema")
     return MeasuredRelease(
         entry=msgspec.structs.replace(entry, read=True),
         facts=document.facts,

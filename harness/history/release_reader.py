@@ -130,9 +130,9 @@ def _read_package(
     )
     waiting = [module]
     while waiting:
-        one = waiting.pop()
+        place = waiting.pop()
         public = []
-        for name, member in one.members.items():
+        for name, member in place.members.items():
             if member.is_alias:
                 if not name.startswith("_") and _target(member).partition(".")[0] == top:
                     public.append(name)
@@ -145,7 +145,7 @@ def _read_package(
                 _read_class(member, members, signatures)
             if not name.startswith("_"):
                 public.append(name)
-        names[one.path] = tuple(sorted(public))
+        names[place.path] = tuple(sorted(public))
 
 
 def _target(alias: Any) -> str:
@@ -156,9 +156,9 @@ def _target(alias: Any) -> str:
         return ""
 
 
-def _read_class(one: Any, members: dict[str, Any], signatures: dict[str, str]) -> None:
+def _read_class(place: Any, members: dict[str, Any], signatures: dict[str, str]) -> None:
     public = []
-    for name, member in one.members.items():
+    for name, member in place.members.items():
         if not name.startswith("_") or name in {"__init__", "__new__", "__call__"}:
             if not name.startswith("_"):
                 public.append(name)
@@ -166,20 +166,20 @@ def _read_class(one: Any, members: dict[str, Any], signatures: dict[str, str]) -
                 signatures[member.path] = _parameters(member)
         if not member.is_alias and member.is_class:
             _read_class(member, members, signatures)
-    members[one.path] = tuple(sorted(public))
+    members[place.path] = tuple(sorted(public))
 
 
 def _parameters(function: Any) -> str:
     """Return the parameters of a function as in its definition, without annotations; a default is `=`."""
     texts, star = [], False
-    for one in function.parameters:
-        kind = one.kind.value
+    for place in function.parameters:
+        kind = place.kind.value
         mark = {"variadic positional": "*", "variadic keyword": "**"}.get(kind, "")
         if kind == "keyword-only" and not star:
             texts.append("*")
             star = True
         star = star or mark == "*"
-        texts.append(f"{mark}{one.name}{'=' if one.default is not None and not mark else ''}")
+        texts.append(f"{mark}{place.name}{'=' if place.default is not None and not mark else ''}")
     return ", ".join(texts)
 
 
@@ -187,16 +187,16 @@ def _parameters(function: Any) -> str:
 
 
 def _metadata(folder: Path) -> dict[str, Any]:
-    found = [*folder.glob("*.dist-info/METADATA"), *folder.glob("PKG-INFO"), *folder.glob("*.egg-info/PKG-INFO")]
-    if not found:
+    files = [*folder.glob("*.dist-info/METADATA"), *folder.glob("PKG-INFO"), *folder.glob("*.egg-info/PKG-INFO")]
+    if not files:
         return {}
-    head = HeaderParser().parsestr(found[0].read_text(encoding="utf-8", errors="replace"))
+    head = HeaderParser().parsestr(files[0].read_text(encoding="utf-8", errors="replace"))
     requires = head.get_all("Requires-Dist") or _egg_requires(folder)
     return {
         "requires": tuple(requires),
         "requires_python": head.get("Requires-Python"),
         "extras": tuple(head.get_all("Provides-Extra") or ()),
-        "entry_points": tuple(_entry_points(found[0].parent)),
+        "entry_points": tuple(_entry_points(files[0].parent)),
     }
 
 
