@@ -64,7 +64,7 @@ def test_states_of_every_kind_are_repeated(desk: Desk) -> None:
 
 
 def test_a_copy_that_moves_otherwise_is_found_out(desk: Desk) -> None:
-    """An environment that repeats itself, while the next copy of it moves otherwise, does not count as one that repeats."""
+    """An environment that repeats itself while its next copy moves otherwise does not count as one that repeats."""
     assert freeze(desk, BULLET, "fake-bullet-4.0")["unrepeated"] == ["observation", "reward", "state"]
 
 
