@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.commands.explain import signatures
-from harness.standalone.api_history import load_shipped
+from harness.standalone.explain.api_history import load_shipped
 from harness.standalone.explain.explain_text import Explanation, Facts, explain_text
 from harness.standalone.requirements import requirement
 from harness.standalone.versions import canonical
@@ -27,7 +27,7 @@ HERE = Path(__file__).parent
 LINES, NONE, JUDGED = HERE / "lines.toml", HERE / "lines-none.toml", HERE / "lines-judged.toml"
 PAGE = HERE / "lines.md"
 RIGHT, WRONG, SILENT, BY_HAND = "right", "wrong", "silent", "to judge by hand"
-KNOWN = Facts(history=load_shipped)
+FACTS = Facts(history=load_shipped)
 VERDICTS = (RIGHT, WRONG, SILENT, BY_HAND)
 COUNTING = 2
 """Causes of an answer that count: more than two are no answer."""
@@ -83,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     texts = tomllib.loads(NONE.read_text(encoding="utf-8"))["text"]
     shipped = signatures()
-    accused = [text for text in texts if explain_text(text["text"], shipped, KNOWN).causes]
+    accused = [text for text in texts if explain_text(text["text"], shipped, FACTS).causes]
     parts = [HEAD, _figures("open half", list(_answers(is_aside=False)))]
     if args.set_aside:
         parts.append(_figures("half set aside", list(_answers(is_aside=True))))
@@ -137,7 +137,7 @@ def _answers(*, is_aside: bool) -> Iterator[Answer]:
     shipped = signatures()
     for line in tomllib.loads(LINES.read_text(encoding="utf-8"))["line"]:
         if is_set_aside(line["id"]) == is_aside:
-            yield Answer(line, explain_text(line["text"], shipped, KNOWN), by_hand.get(line["id"], {}))
+            yield Answer(line, explain_text(line["text"], shipped, FACTS), by_hand.get(line["id"], {}))
 
 
 def _figures(name: str, answers: Sequence[Answer]) -> str:

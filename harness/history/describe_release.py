@@ -1,6 +1,6 @@
-"""Import an unpacked release and print what only running tells: `python -B describe_release.py FOLDER MODULE...`.
+"""Import an unpacked release and write what only running tells: `python -B describe_release.py FILE FOLDER MODULE...`.
 
-Runs in any Python from 3.6 on, with what the release needs at hand. Prints one JSON document: `names` of modules,
+Runs in any Python from 3.6 on, with what the release needs at hand. Writes one JSON document: `names` of modules,
 `members` of classes, `environments` that are registered, `schema` of MuJoCo's files, `failed` imports with their error.
 """
 
@@ -8,12 +8,12 @@ import importlib
 import json
 import re
 import sys
+from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Set
 
 
-def main(folder: str, modules: Sequence[str]) -> None:
-    """Print the document on the original standard output; whatever the packages print goes to standard error."""
-    out, sys.stdout = sys.stdout, sys.stderr
+def main(file: str, folder: str, modules: Sequence[str]) -> None:
+    """Import the modules and write the document."""
     sys.path.insert(0, folder)
     document: Dict[str, Any] = {"names": {}, "members": {}, "environments": None, "schema": None, "failed": {}}
     for name in modules:
@@ -32,7 +32,7 @@ def main(folder: str, modules: Sequence[str]) -> None:
                 document["members"][f"{name}.{name_there}"] = members
     document["environments"] = _environments()
     document["schema"] = _schema()
-    out.write(json.dumps(document, sort_keys=True))
+    Path(file).write_text(json.dumps(document, sort_keys=True))
 
 
 def _foreign(module: Any, name: str) -> bool:
@@ -71,4 +71,4 @@ def _schema() -> Optional[List[str]]:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2:])
+    main(sys.argv[1], sys.argv[2], sys.argv[3:])

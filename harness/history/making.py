@@ -6,8 +6,8 @@ What was read of a file is kept below the cache folder, so that a second call re
 from __future__ import annotations
 
 import argparse
+import os
 import re
-import subprocess
 import sys
 import tempfile
 import tomllib
@@ -23,17 +23,20 @@ from packaging.version import Version
 from harness.history import describe_release, release_reader
 from harness.history.api_history import MeasuredRelease, ReleaseEntry, encode, fold
 from harness.history.release_reader import ReleaseFacts
-from harness.machine import interpreters
+from harness.machine import interpreters, process
 from harness.machine.store import cache_folder, digest, write_atomic
 from harness.model import Artifact, Interpreter
-from harness.model.errors import HarnessError
+from harness.model.errors import CouldNotTell, HarnessError
 from harness.packages import index
 
 ROOT = Path(__file__).parents[2]
 PLAN = ROOT / "matrices" / "history.toml"
 OUT = ROOT / "matrices" / "history"
-SECONDS = 120
-"""The time that the import of one release may take."""
+SECONDS = 300.0
+"""The time that a command may take: an environment, or the import of one release."""
+
+OLD_NUMPY, NEW_PYTHON = "numpy<1.24", 12
+"""What old releases were written for, and the first minor version of Python for which there is no such NumPy."""
 
 PLACEHOLDER = 20
 """A release with so many times fewer names than the middle one of its package holds the package's name, no more."""
@@ -139,7 +142,7 @@ def _admits(requires: str | None, version: str) -> bool:
 
 
 class ReleaseDocument(msgspec.Struct, frozen=True, kw_only=True):
-    """What was read of one file, and what importing it told."""
+    """The names that one file holds, and what importing it tells besides."""
 
     facts: ReleaseFacts
     answers: dict[str, Any] | None = None
@@ -169,35 +172,39 @@ def _read(package: PackagePlan, artifact: Artifact, python: Interpreter | None, 
 
 
 def _run(folder: Path, modules: tuple[str, ...], python: Interpreter, helpers: list[str]) -> dict[str, Any] | None:
+    """Import the modules of an unpacked release; None if the interpreter did not come to an end of it."""
     home = _helpers(python, helpers, numpy="numpy" not in modules)
-    program = Path(describe_release.__file__ or "")
     source = folder / "src" if (folder / "src").is_dir() else folder
-    command = [str(home / "bin" / "python"), "-B", "-W", "ignore", str(program), str(source), *modules]
+    answer = folder.with_name("answer.json")
+    program = str(describe_release.__file__)
+    _call(folder, str(home / "bin" / "python"), "-B", "-W", "ignore", program, str(answer), str(source), *modules)
     try:
-        done = subprocess.run(command, capture_output=True, timeout=SECONDS, check=False, cwd=folder)
-    except subprocess.TimeoutExpired:
-        return None
-    try:
-        answers: dict[str, Any] = msgspec.json.decode(done.stdout)
-    except msgspec.DecodeError:
+        answers: dict[str, Any] = msgspec.json.decode(answer.read_bytes())
+    except (OSError, msgspec.DecodeError):
         return None
     return answers
 
 
+def _call(folder: Path, *argv: str) -> process.Completed:
+    limits = process.Limits(seconds=SECONDS)
+    log, profile = folder.with_name("log.txt"), process.Profile.HOST
+    return process.run(process.Command(argv=argv, cwd=folder, env=os.environ, limits=limits, log=log, profile=profile))
+
+
 def _helpers(python: Interpreter, helpers: list[str], *, numpy: bool) -> Path:
-    """Return an environment that has what releases need to be imported."""
-    wanted = (
-        [*helpers, "numpy<1.24"] if numpy else [item for item in helpers if not item.startswith(("scipy", "imageio"))]
-    )
-    home = cache_folder() / "history" / f"python-{digest(python.version, wanted)[:16]}"
-    if not (home / "done").exists():
-        minor = Version(python.version).minor
-        if minor >= 12:
-            wanted = [item.replace("numpy<1.24", "numpy").replace("setuptools<66", "setuptools") for item in wanted]
-        subprocess.run(["uv", "venv", "-q", "--clear", "-p", python.path, str(home)], check=True)
-        command = ["uv", "pip", "install", "-q", "--only-binary", ":all:", "-p", str(home / "bin" / "python")]
-        subprocess.run([*command, *wanted], check=True)
-        (home / "done").touch()
+    """Return an environment that has what releases need to be imported. Raises CouldNotTell."""
+    wanted = [*helpers, OLD_NUMPY] if numpy else [name for name in helpers if not name.startswith(("scipy", "imageio"))]
+    home = cache_folder() / "history" / f"python-{digest(python.version, wanted)[:16]}" / "home"
+    if not (home.parent / "done").exists():
+        if Version(python.version).minor >= NEW_PYTHON:
+            wanted = [re.split("[<=>]", name)[0] for name in wanted]
+        home.parent.mkdir(parents=True, exist_ok=True)
+        venv = _call(home.parent, "uv", "venv", "-q", "--clear", "-p", python.path, str(home))
+        install = ("uv", "pip", "install", "-q", "--only-binary", ":all:", "-p", str(home / "bin" / "python"))
+        if venv.exit_code or _call(home.parent, *install, *wanted).exit_code:
+            message = f"no environment could be made with Python {python.version}; see {home.parents[1] / 'log.txt'}"
+            raise CouldNotTell(message)
+        (home.parent / "done").touch()
     return home
 
 

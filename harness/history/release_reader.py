@@ -17,7 +17,7 @@ PASSED_OVER = frozenset({"tests", "test", "testing", "conftest", "setup", "docs"
 
 
 class ReleaseFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """What a release offers.
+    """The modules, names and requirements of one release.
 
     `modules` are the modules that can be imported; `names` the public names of each, those imported from elsewhere in
     the package too; `members` the public names in each class; `signatures` the parameters of each function and method

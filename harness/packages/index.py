@@ -126,13 +126,13 @@ def find(name: str, sha256: str, matrix: IndexSettings = NOTHING, *, offline: bo
 def artifacts(name: str, matrix: IndexSettings = NOTHING) -> dict[str, tuple[Artifact, ...]]:
     """Return the files of each release of a package, by version. Raises IndexUnreachable, or UnknownPackage."""
     places = combine(matrix)
-    found: dict[str, list[Artifact]] = {}
+    files: dict[str, list[Artifact]] = {}
     with closing(_Client(places, offline=False)) as client:
         for file in _listed(client, places, name):
             version, sha = _version(file.name, name), _sha256(file)
             if version is not None and sha is not None:
-                found.setdefault(str(version), []).append(Artifact(filename=file.name, sha256=sha, source=file.address))
-    return {version: tuple(files) for version, files in found.items()}
+                files.setdefault(str(version), []).append(Artifact(filename=file.name, sha256=sha, source=file.address))
+    return {version: tuple(some) for version, some in files.items()}
 
 
 def _listed(client: _Client, places: UserIndex, name: str) -> list[_File]:

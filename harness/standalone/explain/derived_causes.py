@@ -9,11 +9,11 @@ from __future__ import annotations
 import re
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
-from ..api_history import OF_IMPORT, Availability, History, Load, package_of
 from ..failures.matching import Diagnosis, Signature
-from ..import_names import package_with
 from . import conflicts, missing_files, missing_releases
+from .api_history import OF_IMPORT, Availability, History, Load, package_of
 from .failure_text import QUOTED, Failure
+from .import_names import package_with
 from .missing_files import MissingFile
 from .version_hints import Hints
 
@@ -59,28 +59,28 @@ def derive(
     """Return the causes that the histories of packages give for the lines that say why something failed."""
     versions = dict(hints.packages)
     versions.update(installed or {})
-    found: Dict[str, Diagnosis] = {}
+    causes: Dict[str, Diagnosis] = {}
     for line in failure.lines or _quoted(failure):
         conflict = conflicts.find(line)
         if conflict is not None:
-            found.setdefault(conflict.package, _made(line, conflict.package, conflict.cause, conflict.remedy))
+            causes.setdefault(conflict.package, _cause(line, conflict.package, conflict.cause, conflict.remedy))
         file = missing_files.find(line)
         if file is not None:
-            found.setdefault(file.name, _of_file(line, file))
+            causes.setdefault(file.name, _of_file(line, file))
         release = missing_releases.find(line, versions, python or hints.python, load)
         if release is not None:
-            found.setdefault(release.package, _made(line, release.package, release.cause, release.remedy))
+            causes.setdefault(release.package, _cause(line, release.package, release.cause, release.remedy))
         for missing in _missing(line, failure, versions, load):
             diagnosis = _diagnosis(missing, failure)
-            found.setdefault(diagnosis.signature.id, diagnosis)
+            causes.setdefault(diagnosis.signature.id, diagnosis)
         absent = MODULE.search(line)
         package = package_with(absent.group(1)) if absent and "." not in absent.group(1) else None
         if package is not None and absent is not None:
             cause = "the module `{}` is of the package {}, which this Python does not find".format(
                 absent.group(1), package
             )
-            found.setdefault(package, _made(line, package, cause, {"requirements": [package]}))
-    return list(found.values())
+            causes.setdefault(package, _cause(line, package, cause, {"requirements": [package]}))
+    return list(causes.values())
 
 
 def _quoted(failure: Failure) -> List[str]:
@@ -91,20 +91,20 @@ def _quoted(failure: Failure) -> List[str]:
 
 def _missing(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Iterator[Missing]:
     for rule in (_attribute, _module, _member, _argument, _schema, _environment):
-        found = {}
+        causes: Dict[str, Missing] = {}
         for what, availability in rule(line, failure, versions, load):
             if availability is not None:
-                found.setdefault(availability.package, Missing(line=line, what=what, availability=availability))
-        if found:
+                causes.setdefault(availability.package, Missing(line=line, what=what, availability=availability))
+        if causes:
             # Of several packages that differ in it, none is accused.
-            yield from list(found.values()) if len(found) == 1 else ()
+            yield from list(causes.values()) if len(causes) == 1 else ()
             return
 
 
-Found = Iterator[Tuple[str, Optional[Availability]]]
+Answers = Iterator[Tuple[str, Optional[Availability]]]
 
 
-def _attribute(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Found:
+def _attribute(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Answers:
     attribute, imported = ATTRIBUTE.search(line), IMPORTED.search(line)
     if attribute:
         module, name = attribute.groups()
@@ -119,7 +119,7 @@ def _attribute(line: str, failure: Failure, versions: Mapping[str, str], load: L
     yield "`{}.{}`".format(module, name), _where(history, spans, versions)
 
 
-def _module(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Found:
+def _module(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Answers:
     match = MODULE.search(line)
     if match and "." in match.group(1):
         history = _history(match.group(1), load)
@@ -130,7 +130,7 @@ def _module(line: str, failure: Failure, versions: Mapping[str, str], load: Load
             )
 
 
-def _member(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Found:
+def _member(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Answers:
     match = MEMBER.search(line)
     if match is None:
         return
@@ -138,12 +138,12 @@ def _member(line: str, failure: Failure, versions: Mapping[str, str], load: Load
     for history in _spoken_of(failure, match.group(1), load):
         paths = [path for path in history.plain.get("members", {}) if path.rpartition(".")[2] == owner]
         having = [history.spans("members", path, name) for path in paths]
-        spans = max((one for one in having if one), key=len, default=None)
+        spans = max((item for item in having if item), key=len, default=None)
         if spans and len(paths) <= 3:
             yield "`{}.{}`".format(owner, name), _where(history, spans, versions)
 
 
-def _argument(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Found:
+def _argument(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Answers:
     match = ARGUMENT.search(line)
     if match is None or "." not in match.group(1):
         return
@@ -159,11 +159,11 @@ def _argument(line: str, failure: Failure, versions: Mapping[str, str], load: Lo
 
 
 def _takes(parameters: str, name: str) -> bool:
-    names = [one.strip("=") for one in parameters.split(", ")]
-    return name in names or any(one.startswith("**") for one in names)
+    names = [item.strip("=") for item in parameters.split(", ")]
+    return name in names or any(item.startswith("**") for item in names)
 
 
-def _schema(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Found:
+def _schema(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Answers:
     match = SCHEMA.search(failure.text if "Schema violation" in line else line)
     history = load("mujoco") if match else None
     if match is None or history is None:
@@ -188,7 +188,7 @@ def _schema(line: str, failure: Failure, versions: Mapping[str, str], load: Load
     yield what, _where(history, [(place, place) for place in places], versions, history.ran)
 
 
-def _environment(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Found:
+def _environment(line: str, failure: Failure, versions: Mapping[str, str], load: Load) -> Answers:
     match = ENVIRONMENT.search(line)
     if match is None or not re.search("Error|Exception|NotFound|No registered", line):
         return
@@ -240,7 +240,7 @@ def _diagnosis(missing: Missing, failure: Failure) -> Diagnosis:
     cause = "{}; the one at hand is {}{}".format(
         when, "newer" if there.too_new else "older", _asker(failure, there.package)
     )
-    return _made(missing.line, there.package, cause, {"requirements": [there.bound]})
+    return _cause(missing.line, there.package, cause, {"requirements": [there.bound]})
 
 
 def _of_file(line: str, file: MissingFile) -> Diagnosis:
@@ -251,10 +251,10 @@ def _of_file(line: str, file: MissingFile) -> Diagnosis:
         ways.append("`conda install -c conda-forge {}`".format(file.conda))
     version = ", perhaps in another version" if file.other else ""
     cause = "the {} `{}` is not on this machine, or not where it is looked for".format(file.kind, file.name)
-    return _made(line, file.name, cause, {"text": "Install it{}: {}.".format(version, " or ".join(ways))})
+    return _cause(line, file.name, cause, {"text": "Install it{}: {}.".format(version, " or ".join(ways))})
 
 
-def _made(line: str, subject: str, cause: str, remedy: Mapping[str, Any]) -> Diagnosis:
+def _cause(line: str, subject: str, cause: str, remedy: Mapping[str, Any]) -> Diagnosis:
     name = "derived:{}".format(subject)
     signature = Signature(
         plain={"id": name, "cause": cause, "remedy": remedy, "derived": True},

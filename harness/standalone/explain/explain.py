@@ -12,13 +12,13 @@ import tempfile
 from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Sequence, TextIO, Tuple
 
 from .. import packages, wrapping
-from ..api_history import load_shipped
 from ..failures.matching import Signature
 from ..installing import installer
 from ..opening import open_file
 from ..packages import Packages
 from ..requirements import requirement
 from . import explanation_text, log_excerpt
+from .api_history import load_shipped
 from .explain_text import Explanation, Facts, explain_text
 from .explanation_text import Place
 from .log_excerpt import Excerpt

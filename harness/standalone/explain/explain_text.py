@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from ..api_history import Load, no_history
 from ..failures import matching
 from ..failures.counting import select_counting
 from ..failures.lines import MASKS, shorten_line
@@ -13,8 +12,9 @@ from ..failures.machine_trouble import SHORTAGES, UNREACHABLE
 from ..failures.matching import Around, Diagnosis, Evidence
 from ..requirements import requirement
 from ..versions import specifiers, unsatisfiable
+from .api_history import Load, no_history
 from .derived_causes import derive
-from .failure_text import QUOTED, Failure, read_failure
+from .failure_text import QUOTED, START, Failure, read_failure
 from .version_hints import Hints, hints
 
 NOTE, WARNING = "note", "warning"
@@ -98,6 +98,11 @@ class Explanation(NamedTuple):
         }
 
 
+def _is_pasted(failure: Failure) -> bool:
+    """Return whether a text is a line or two that somebody copied, without the traceback that would decide."""
+    return len(failure.text.split("\n", QUOTED)) <= QUOTED and START not in failure.text
+
+
 def _is_exact(hit: Diagnosis) -> bool:
     """Return whether a person wrote down what to install instead, for exactly this failure."""
     return not hit.signature.generic and bool(hit.signature.plain.get("remedy", {}).get("requirements"))
@@ -136,9 +141,9 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
         possible = _hits(could, failure, killed)[0]
         named = [hit for hit in possible if _mentions_packages(hit.signature, failure.text)]
         # Between two broad causes a text without versions cannot decide.
-        is_quoted = len(failure.text.split("\n", QUOTED)) <= QUOTED
-        if len(named) == 1 or (is_quoted and 0 < len(named or possible) <= LIKELY):
-            likely = named or possible
+        pasted = [hit for hit in named or possible if hit.signature.pattern] if _is_pasted(failure) else []
+        if len(named) == 1 or 0 < len(pasted) <= LIKELY:
+            likely = named if len(named) == 1 else pasted
             hits = (*likely, *hits)
             findings += [("packages", NOTE, _describe_condition(hit.signature)) for hit in likely]
         else:

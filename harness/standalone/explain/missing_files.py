@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Any, Dict, Iterator, NamedTuple, Optional, Tuple
 
 from ..adapters import carried_file
-from ..api_history import PLACES
+from .api_history import PLACES
 
 LIBRARY = re.compile(r"\b(lib[\w+-]+\.so(?:\.\d+)*): cannot open shared object file: No such file or directory")
 HEADER = re.compile(r"fatal error: '?((?:[\w.+-]+/)*[\w.+-]+\.h(?:pp)?)'?(?:: | file not found)")

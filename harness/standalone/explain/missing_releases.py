@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from typing import Any, List, Mapping, NamedTuple, Optional
 
-from ..api_history import History, Load
 from ..versions import canonical, is_version, specifiers
 from ..versions import version as parsed
+from .api_history import History, Load
 
 NAME = r"([A-Za-z0-9][A-Za-z0-9._-]*)"
 WANTED = re.compile(

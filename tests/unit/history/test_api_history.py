@@ -8,7 +8,7 @@ import pytest
 
 from harness.history.api_history import MeasuredRelease, ReleaseEntry, encode, fold
 from harness.history.release_reader import ReleaseFacts
-from harness.standalone.api_history import History, decode
+from harness.standalone.explain.api_history import History, decode
 
 
 def release(version: str, *names: str, signature: str = "self", read_it: bool = True) -> MeasuredRelease:
@@ -64,7 +64,7 @@ def test_a_release_that_was_not_read_neither_has_a_name_nor_lacks_it() -> None:
 def test_the_bound_leads_from_the_release_at_hand_to_the_name(
     version: str | None, bound: str | None, too_new: bool | None
 ) -> None:
-    """What is older needs a lower bound, what is newer an upper one; a release that has the name needs none."""
+    """An older release needs a lower bound, a newer one an upper bound, and one that has the name needs none."""
     where = history(*FOUR).where([[1, 2]], version)
     assert (where and where.bound, where and where.too_new) == (bound, too_new)
 

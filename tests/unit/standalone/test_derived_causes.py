@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from harness.standalone.api_history import History
+from harness.standalone.explain.api_history import History
 from harness.standalone.explain.explain_text import Facts, explain_text
 
 GYM = History(
@@ -49,7 +49,7 @@ def explained(text: str, **installed: str) -> tuple[str, tuple[str, ...]] | None
     ],
 )
 def test_a_name_that_some_releases_have_leads_to_them(line: str, bound: str) -> None:
-    """What is gone was taken from a newer release, what is new is missing in an older one."""
+    """A name that is gone needs an older release, a new one a newer release."""
     answer = explained(line)
     assert answer is not None
     assert answer[1] == (bound,)
@@ -66,7 +66,7 @@ def test_a_name_that_some_releases_have_leads_to_them(line: str, bound: str) -> 
         "KeyError: 'GoalEnv'",
     ],
 )
-def test_what_no_release_or_every_release_has_accuses_no_package(line: str) -> None:
+def test_a_name_of_no_release_or_of_every_release_accuses_no_package(line: str) -> None:
     """The fault is then in the user's own code, or elsewhere."""
     assert explained(line) is None
 
@@ -81,14 +81,14 @@ def test_the_release_at_hand_decides_the_side() -> None:
     )
 
 
-def test_a_release_that_never_was_is_told() -> None:
-    """Its neighbours are named, and nothing is said of what may be newer than the history."""
+def test_neighbours_of_a_release_that_never_was_are_named() -> None:
+    """Nothing is said of a release that may be newer than the history."""
     answer = explained("ERROR: No matching distribution found for gym==0.21.5")
     assert answer == ("gym has no release 0.21.5: 0.21.0 is followed by 0.22.0", ("gym==0.22.0",))
     assert explained("ERROR: No matching distribution found for gym==9.9") is None
 
 
-def test_a_package_that_wants_another_release_is_told() -> None:
+def test_a_conflict_names_the_release_that_is_wanted() -> None:
     """The bound is what the other package asks for."""
     line = "stable-baselines3 1.6.2 requires gym==0.21, but you have gym 0.23.1 which is incompatible."
     assert explained(line) == ("stable-baselines3 1.6.2 wants gym==0.21, and gym 0.23.1 is installed", ("gym==0.21",))

@@ -10,8 +10,8 @@ import json
 from functools import lru_cache
 from typing import Any, Callable, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
-from .adapters import carried_file
-from .versions import version as parsed
+from ..adapters import carried_file
+from ..versions import version as parsed
 
 FORM = 1
 
@@ -40,7 +40,7 @@ OLD = "2020"
 
 
 class Availability(NamedTuple):
-    """Where a name is to be had: versions from `first` to `last`; `bound` is a requirement that leads there.
+    """The releases that have a name: from `first` to `last`; `bound` is a requirement that leads there.
 
     `first` is None where the oldest release that was read has the name, `last` where the newest has it. `after` is the
     first release without it again. `too_new` says which side the environment at hand is on.
@@ -60,8 +60,8 @@ class History:
     def __init__(self, plain: Mapping[str, Any]) -> None:
         self.plain = plain
         self.package = str(plain["package"])
-        self.versions = [str(one["version"]) for one in plain["releases"]]
-        self.read = [place for place, one in enumerate(plain["releases"]) if one.get("read")]
+        self.versions = [str(item["version"]) for item in plain["releases"]]
+        self.read = [place for place, item in enumerate(plain["releases"]) if item.get("read")]
         self.ran = _places(plain.get("ran", ()))
 
     def spans(self, *path: str) -> Optional[Spans]:
@@ -69,8 +69,8 @@ class History:
         place: Any = self.plain
         for key in path:
             place = place.get(key) if isinstance(place, dict) else None
-        found: Optional[Spans] = place
-        return found
+        spans: Optional[Spans] = place
+        return spans
 
     def where(
         self, spans: Optional[Spans], version: Optional[str], among: Optional[List[int]] = None
@@ -79,20 +79,20 @@ class History:
 
         None if no release has the name, if all have it, or if the release at hand (`version`) has it.
         """
-        known = self.read if among is None else among
-        having = set(_places(spans or ())) & set(known)
-        if not having or len(having) == len(known):
+        considered = self.read if among is None else among
+        having = set(_places(spans or ())) & set(considered)
+        if not having or len(having) == len(considered):
             return None
-        here = self._place(version, known) if version else None
+        here = self._place(version, considered) if version else None
         if here is not None and here in having:
             return None
-        later = [place for place in known if place in having and (here is None or place > here)]
-        too_new = max(known) not in having if here is None else not later
+        later = [place for place in considered if place in having and (here is None or place > here)]
+        too_new = max(considered) not in having if here is None else not later
         if here is None and not too_new and self._uploaded(later[0]) < OLD:
             return None
-        run = _last_run(having, known) if here is None or too_new else _first_run(later, having, known)
+        run = _last_run(having, considered) if here is None or too_new else _first_run(later, having, considered)
         first, last = run
-        after = next((place for place in known if place > last), None)
+        after = next((place for place in considered if place > last), None)
         bound = (
             "{}<{}".format(self.package, self.versions[after])
             if too_new and after is not None
@@ -102,7 +102,7 @@ class History:
             bound += ",<{}".format(self.versions[after])
         return Availability(
             package=self.package,
-            first=self.versions[first] if first != known[0] else None,
+            first=self.versions[first] if first != considered[0] else None,
             last=self.versions[last] if after is not None else None,
             after=self.versions[after] if after is not None else None,
             too_new=too_new,
@@ -112,9 +112,9 @@ class History:
     def _uploaded(self, place: int) -> str:
         return str(self.plain["releases"][place].get("uploaded") or "")
 
-    def _place(self, version: str, known: Sequence[int]) -> Optional[int]:
+    def _place(self, version: str, considered: Sequence[int]) -> Optional[int]:
         """Return the place of a release, or of the newest one that is older and was read."""
-        older = [place for place in known if parsed(self.versions[place]) <= parsed(version)]
+        older = [place for place in considered if parsed(self.versions[place]) <= parsed(version)]
         return older[-1] if older else None
 
 
@@ -153,21 +153,21 @@ def _places(spans: Iterable[Sequence[int]]) -> List[int]:
     return [place for first, last in spans for place in range(first, last + 1)]
 
 
-def _last_run(having: "set[int]", known: Sequence[int]) -> Tuple[int, int]:
+def _last_run(having: "set[int]", considered: Sequence[int]) -> Tuple[int, int]:
     """Return the first and last of the newest consecutive releases that have a name."""
     last = max(having)
     first = last
-    for place in reversed([one for one in known if one < last]):
+    for place in reversed([item for item in considered if item < last]):
         if place not in having:
             break
         first = place
     return first, last
 
 
-def _first_run(later: Sequence[int], having: "set[int]", known: Sequence[int]) -> Tuple[int, int]:
+def _first_run(later: Sequence[int], having: "set[int]", considered: Sequence[int]) -> Tuple[int, int]:
     """Return the first and last of the next consecutive releases that have a name."""
     first = last = later[0]
-    for place in [one for one in known if one > first]:
+    for place in [item for item in considered if item > first]:
         if place not in having:
             break
         last = place
