@@ -51,6 +51,13 @@ def controls(session: nox.Session) -> None:
 
 
 @nox.session(python="3.11")
+def history(session: nox.Session) -> None:
+    """What each release of the packages of `matrices/history.toml` offers; new releases are read, `-- NAME` alone."""
+    session.install("-e", ".[dev]")
+    session.run("python", "-m", "harness.history.making", *session.posargs)
+
+
+@nox.session(python="3.11")
 def report(session: nox.Session) -> None:
     """Tables of what was measured here."""
     session.install("-e", ".")

@@ -123,6 +123,18 @@ def find(name: str, sha256: str, matrix: IndexSettings = NOTHING, *, offline: bo
     raise IndexUnreachable(message)
 
 
+def artifacts(name: str, matrix: IndexSettings = NOTHING) -> dict[str, tuple[Artifact, ...]]:
+    """Return the files of each release of a package, by version. Raises IndexUnreachable, or UnknownPackage."""
+    places = combine(matrix)
+    files: dict[str, list[Artifact]] = {}
+    with closing(_Client(places, offline=False)) as client:
+        for file in _listed(client, places, name):
+            version, sha = _version(file.name, name), _sha256(file)
+            if version is not None and sha is not None:
+                files.setdefault(str(version), []).append(Artifact(filename=file.name, sha256=sha, source=file.address))
+    return {version: tuple(some) for version, some in files.items()}
+
+
 def _listed(client: _Client, places: UserIndex, name: str) -> list[_File]:
     """Return all files of a package. Raises UnknownPackage if no place has the package."""
     linked = (file for link in places.find_links for file in client.linked(link))

@@ -15,6 +15,7 @@ from harness.machine import store
 from harness.matrix.signatures import Signature
 from harness.model.measured import Measured
 from harness.reports.answers import digest, result_index
+from harness.running import open_matrix
 from harness.running.signatures import shipped_signatures
 from harness.standalone import adapters
 
@@ -56,6 +57,10 @@ def content(signatures: tuple[Signature, ...], results: Measured) -> bytes:
         f"{INSIDE}/signatures.json": json.dumps([one.as_file for one in signatures], sort_keys=True).encode(),
         f"{INSIDE}/{adapters.CARRIED}": adapters.encode_declarations(),
         f"{INSIDE}/measured.json.gz": digest.pack(results),
+        **{
+            f"{INSIDE}/history/{file.name}": file.read_bytes()
+            for file in sorted((open_matrix.data_folder() / "history").glob("*.json.gz"))
+        },
     }
     buffer = io.BytesIO(SHEBANG)
     # Without the seek the archive would overwrite the first line.

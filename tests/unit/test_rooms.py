@@ -16,7 +16,7 @@ PACKAGE = Path(harness.__file__).parent
 DOORS = {"__init__", "__main__", "noxface"}
 ROOMS = (
     ("commands", "smoke"), ("ci",), ("rootcause",), ("reports",), ("running",), ("physics",), ("judging",), ("probes",),
-    ("packages",), ("matrix",), ("devices",), ("machine",), ("model",), ("standalone",),
+    ("history",), ("packages",), ("matrix",), ("devices",), ("machine",), ("model",), ("standalone",),
 )  # fmt: skip
 """From top to bottom: a room imports itself and what stands below it."""
 LEVEL = {room: level for level, rooms in enumerate(ROOMS) for room in rooms} | dict.fromkeys(DOORS, -1)

@@ -18,6 +18,7 @@ from ..opening import open_file
 from ..packages import Packages
 from ..requirements import requirement
 from . import explanation_text, log_excerpt
+from .api_history import load_shipped
 from .explain_text import Explanation, Facts, explain_text
 from .explanation_text import Place
 from .log_excerpt import Excerpt
@@ -216,7 +217,8 @@ def _find_packages(python: Optional[str], command: Sequence[str]) -> Optional[Pa
 
 def _gather_facts(around: Optional[Packages], knowledge: Knowledge) -> Facts:
     installed, python = (around.installed, around.version) if around and around.installed else (None, None)
-    return Facts(installed=installed, python=python, measured=knowledge.measured())
+    measured = knowledge.measured()
+    return Facts(installed=installed, python=python, measured=measured, history=load_shipped)
 
 
 def _temporary() -> str:

@@ -12,7 +12,9 @@ from ..failures.machine_trouble import SHORTAGES, UNREACHABLE
 from ..failures.matching import Around, Diagnosis, Evidence
 from ..requirements import requirement
 from ..versions import specifiers, unsatisfiable
-from .failure_text import Failure, read_failure
+from .api_history import Load, no_history
+from .derived_causes import derive
+from .failure_text import QUOTED, START, Failure, read_failure
 from .version_hints import Hints, hints
 
 NOTE, WARNING = "note", "warning"
@@ -30,10 +32,7 @@ TROUBLE = re.compile(
 """What a machine or a network lacks: no verdict about packages."""
 
 MENTION = "the text says so, too, and nothing shows that it failed by it: {} ({})"
-QUOTED = 4
-"""Lines of a text that is no log: somebody asks what they mean."""
-
-SHOWN = 3
+SHOWN, LIKELY = 3, 2
 INSTALLING = ("resolve", "install")
 
 
@@ -41,7 +40,7 @@ class Facts(NamedTuple):
     """Facts known besides the text: the packages and the Python of an environment, and how a command ended.
 
     `requirements` are the requirements that a command line names. `failed` is whether it surely failed. `measured` is
-    the document of measured results.
+    the document of measured results, `history` returns the history of a package.
     """
 
     installed: Optional[Mapping[str, str]] = None
@@ -50,6 +49,7 @@ class Facts(NamedTuple):
     failed: bool = False
     signal: Optional[str] = None
     measured: Optional[Mapping[str, Any]] = None
+    history: Load = no_history
 
 
 NOTHING = Facts()
@@ -98,6 +98,16 @@ class Explanation(NamedTuple):
         }
 
 
+def _is_pasted(failure: Failure) -> bool:
+    """Return whether a text is a line or two that somebody copied, without the traceback that would decide."""
+    return len(failure.text.split("\n", QUOTED)) <= QUOTED and START not in failure.text
+
+
+def _is_exact(hit: Diagnosis) -> bool:
+    """Return whether a person wrote down what to install instead, for exactly this failure."""
+    return not hit.signature.generic and bool(hit.signature.plain.get("remedy", {}).get("requirements"))
+
+
 def _deepest(hits: Sequence[Diagnosis]) -> Optional[Diagnosis]:
     """Return the deepest cause that hides no other; None where none is known."""
     return next(iter(select_counting(hits, lambda hit: False)), None)
@@ -121,15 +131,21 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
     if not failure.failed and len(failure.text.split("\n", QUOTED)) > QUOTED:
         sure = could = []  # a log of what went well may mention what is known to fail
     hits, aside = _hits(sure, failure, killed)
+    if failure.failed or failure.text.count("\n") < QUOTED:
+        derived = derive(failure, text_hints, here.installed, here.python, here.history)
+        first = [hit for hit in hits if _is_exact(hit) and _where(hit, failure) is DECISIVE]
+        hits = (*first, *derived, *(hit for hit in hits if hit not in first))
     mentions = (MENTION.format(hit.seen, hit.signature.id) for hit in aside[:SHOWN])
     findings: List[Tuple[str, str, str]] = [("besides", NOTE, mention) for mention in mentions]
     if _deepest(hits) is None:
         possible = _hits(could, failure, killed)[0]
         named = [hit for hit in possible if _mentions_packages(hit.signature, failure.text)]
         # Between two broad causes a text without versions cannot decide.
-        if len(named) == 1:
-            hits = (*named, *hits)
-            findings.append(("packages", NOTE, _describe_condition(named[0].signature)))
+        pasted = [hit for hit in named or possible if hit.signature.pattern] if _is_pasted(failure) else []
+        if len(named) == 1 or 0 < len(pasted) <= LIKELY:
+            likely = named if len(named) == 1 else pasted
+            hits = (*likely, *hits)
+            findings += [("packages", NOTE, _describe_condition(hit.signature)) for hit in likely]
         else:
             findings += [("possible", NOTE, _possible(hit)) for hit in (named or possible)[:SHOWN]]
     # A known line that somebody only quotes counts as a failure, though no word in it says so.

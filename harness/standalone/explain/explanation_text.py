@@ -64,7 +64,10 @@ def _cause(hit: Diagnosis) -> Iterator[str]:
     yield "remedy:    {}".format(in_words(plain.get("remedy", {})))
     for number, link in enumerate(list(plain.get("references", ()))[:LIKE_IT]):
         yield "{} {}".format("reference:" if number == 0 else "          ", link)
-    yield "known as:  {}".format(hit.signature.id)
+    if plain.get("derived"):
+        yield "derived:   from what releases and packages contain, and from the line itself"
+    else:
+        yield "known as:  {}".format(hit.signature.id)
 
 
 def _unknown(explanation: Explanation) -> Iterator[str]:

@@ -60,6 +60,7 @@ def read_failure(text: str, *, surely: bool = False) -> Failure:
     # Without a traceback an installer's reason is what a person would quote.
     decisive = gave_up if gave_up and not picked else said.decisive_line(text)
     marked = bool(picked or gave_up or killed or MARKED.search(text) or NAMED.search(text))
+    marked = marked or (len(lines) <= QUOTED and RAISED.search(text) is not None)
     failed = marked or surely
     first = decisive if failed else None
     every = [line for line in [first, *reversed(picked), *_complaints(lines)] if line]
@@ -196,6 +197,16 @@ MARKS = (
 
 MARKED = re.compile("|".join(MARKS), re.MULTILINE | re.IGNORECASE)
 NAMED = re.compile(r"\b[A-Za-z]*(?:Error|Exception): \D")
+RAISED = re.compile(
+    r"^(?:[a-z_]\w*\.)+[A-Z]\w+: \S"
+    r"|^[A-Z][A-Za-z]*(?:NotFound|Fault|Failed|Failure|Missing): \S"
+    r"|^(?:Deprecated|Invalid|Unregistered|Unsupported)[A-Z]\w*: \S",
+    re.MULTILINE,
+)
+"""How an exception begins that is not called an error; said of a quotation alone, as other lines begin so, too."""
+
+QUOTED = 4
+"""Lines of a text that is no log: somebody asks what they mean."""
 
 
 def _complaints(lines: Sequence[str]) -> Iterator[str]:

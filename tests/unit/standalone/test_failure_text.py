@@ -400,3 +400,11 @@ def test_the_document_is_that_of_the_contract() -> None:
             "proof": None,
         }
     ]  # fmt: skip
+
+
+def test_two_broad_causes_of_a_pasted_line_are_most_likely() -> None:
+    """A line alone is all that somebody has: both are named, with the versions that would decide."""
+    other = standalone_signature("other", "no wings", generic=True, packages=["gym<0.26"])
+    explanation = explain_text.explain_text("ValueError: no wings", [BROAD, other])
+    assert sorted(hit.signature.id for hit in explanation.causes) == ["broad", "other"]
+    assert [check for check, _, _ in explanation.findings] == ["packages", "packages"]

@@ -1,0 +1,1 @@
+"""Derive from the files of every release of a package what it offers: modules, names, signatures, requirements."""

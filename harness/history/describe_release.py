@@ -1,0 +1,74 @@
+"""Import an unpacked release and write what only running tells: `python -B describe_release.py FILE FOLDER MODULE...`.
+
+Runs in any Python from 3.6 on, with what the release needs at hand. Writes one JSON document: `names` of modules,
+`members` of classes, `environments` that are registered, `schema` of MuJoCo's files, `failed` imports with their error.
+"""
+
+import importlib
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Sequence, Set
+
+
+def main(file: str, folder: str, modules: Sequence[str]) -> None:
+    """Import the modules and write the document."""
+    sys.path.insert(0, folder)
+    document: Dict[str, Any] = {"names": {}, "members": {}, "environments": None, "schema": None, "failed": {}}
+    for name in modules:
+        try:
+            module = importlib.import_module(name)
+        except BaseException as error:
+            document["failed"][name] = f"{type(error).__name__}: {error}"[:200]
+            continue
+        public = [name_there for name_there in dir(module) if not name_there.startswith("_")]
+        document["names"][name] = [name_there for name_there in public if not _foreign(module, name_there)]
+        for name_there in public:
+            value = getattr(module, name_there, None)
+            if isinstance(value, type) and str(value.__module__).partition(".")[0] == name.partition(".")[0]:
+                members = sorted(member for member in dir(value) if not member.startswith("_"))
+                document["members"][f"{value.__module__}.{value.__qualname__}"] = members
+                document["members"][f"{name}.{name_there}"] = members
+    document["environments"] = _environments()
+    document["schema"] = _schema()
+    Path(file).write_text(json.dumps(document, sort_keys=True))
+
+
+def _foreign(module: Any, name: str) -> bool:
+    """Return whether a name is a module of another package."""
+    value = getattr(module, name, None)
+    top = getattr(value, "__name__", "").partition(".")[0]
+    return isinstance(value, type(sys)) and top != module.__name__.partition(".")[0]
+
+
+def _environments() -> Optional[List[str]]:
+    """Return the ids that are registered with gym or gymnasium; None where neither was imported."""
+    for library in ("gymnasium", "gym"):
+        registration = sys.modules.get(library + ".envs.registration")
+        registry = getattr(registration, "registry", None)
+        if registry is not None:
+            specs = getattr(registry, "env_specs", registry)
+            return sorted(map(str, specs))
+    return None
+
+
+def _schema() -> Optional[List[str]]:
+    """Return `path attribute` of each attribute that MuJoCo's files may have, and each path; None without MuJoCo."""
+    mujoco: Any = sys.modules.get("mujoco")
+    if not hasattr(mujoco, "mj_printSchema"):
+        return None
+    entries: Set[str] = set()
+    path: List[str] = []
+    for line in mujoco.mj_printSchema(False, False).splitlines():
+        match = re.match(r"( *)(\w+) \([^)]+\)(.*)", line)
+        if match:
+            path[len(match.group(1)) // 3 :] = [match.group(2)]
+            entries.add("/".join(path))
+        for attribute in (match.group(3) if match else line).split():
+            entries.add("/".join(path) + " " + attribute)
+    return sorted(entries)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2], sys.argv[3:])

@@ -1,0 +1,174 @@
+"""Read the history of a package: which names, modules and environments each of its releases offers.
+
+The files are made by `harness/history`, one a package: gzipped JSON. Spans are [first, last] places in `releases`.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+from functools import lru_cache
+from typing import Any, Callable, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+from ..adapters import carried_file
+from ..versions import version as parsed
+
+FORM = 1
+
+OF_IMPORT = {
+    "dm_control": "dm-control",
+    "gym": "gym",
+    "gymnasium": "gymnasium",
+    "gymnasium_robotics": "gymnasium-robotics",
+    "metaworld": "metaworld",
+    "mujoco": "mujoco",
+    "mujoco_py": "mujoco-py",
+    "numpy": "numpy",
+    "pettingzoo": "pettingzoo",
+    "pybullet": "pybullet",
+    "pybullet_data": "pybullet",
+    "pybullet_envs": "pybullet",
+    "robosuite": "robosuite",
+    "stable_baselines3": "stable-baselines3",
+}
+"""The package whose history has a top-level module."""
+
+Spans = Sequence[Sequence[int]]
+
+OLD = "2020"
+"""What was there before is hardly missing because a release is older still, unless a text says which one it is."""
+
+
+class Availability(NamedTuple):
+    """The releases that have a name: from `first` to `last`; `bound` is a requirement that leads there.
+
+    `first` is None where the oldest release that was read has the name, `last` where the newest has it. `after` is the
+    first release without it again. `too_new` says which side the environment at hand is on.
+    """
+
+    package: str
+    first: Optional[str]
+    last: Optional[str]
+    after: Optional[str]
+    too_new: bool
+    bound: str
+
+
+class History:
+    """The history of one package."""
+
+    def __init__(self, plain: Mapping[str, Any]) -> None:
+        self.plain = plain
+        self.package = str(plain["package"])
+        self.versions = [str(item["version"]) for item in plain["releases"]]
+        self.read = [place for place, item in enumerate(plain["releases"]) if item.get("read")]
+        self.ran = _places(plain.get("ran", ()))
+
+    def spans(self, *path: str) -> Optional[Spans]:
+        """Return the spans at a path of keys, such as `names`, `gym.spaces`, `Box`; None if no release has it."""
+        place: Any = self.plain
+        for key in path:
+            place = place.get(key) if isinstance(place, dict) else None
+        spans: Optional[Spans] = place
+        return spans
+
+    def where(
+        self, spans: Optional[Spans], version: Optional[str], among: Optional[List[int]] = None
+    ) -> Optional[Availability]:
+        """Return where a name with these spans is to be had, for an environment that lacks it.
+
+        None if no release has the name, if all have it, or if the release at hand (`version`) has it.
+        """
+        considered = self.read if among is None else among
+        having = set(_places(spans or ())) & set(considered)
+        if not having or len(having) == len(considered):
+            return None
+        here = self._place(version, considered) if version else None
+        if here is not None and here in having:
+            return None
+        later = [place for place in considered if place in having and (here is None or place > here)]
+        too_new = max(considered) not in having if here is None else not later
+        if here is None and not too_new and self._uploaded(later[0]) < OLD:
+            return None
+        run = _last_run(having, considered) if here is None or too_new else _first_run(later, having, considered)
+        first, last = run
+        after = next((place for place in considered if place > last), None)
+        bound = (
+            "{}<{}".format(self.package, self.versions[after])
+            if too_new and after is not None
+            else "{}>={}".format(self.package, self.versions[first])
+        )
+        if not too_new and after is not None:
+            bound += ",<{}".format(self.versions[after])
+        return Availability(
+            package=self.package,
+            first=self.versions[first] if first != considered[0] else None,
+            last=self.versions[last] if after is not None else None,
+            after=self.versions[after] if after is not None else None,
+            too_new=too_new,
+            bound=bound,
+        )
+
+    def _uploaded(self, place: int) -> str:
+        return str(self.plain["releases"][place].get("uploaded") or "")
+
+    def _place(self, version: str, considered: Sequence[int]) -> Optional[int]:
+        """Return the place of a release, or of the newest one that is older and was read."""
+        older = [place for place in considered if parsed(self.versions[place]) <= parsed(version)]
+        return older[-1] if older else None
+
+
+Load = Callable[[str], Optional[History]]
+"""Return the history of a package by its name, None where there is none."""
+
+
+def no_history(_package: str) -> Optional[History]:
+    """Return None: nothing is known of any package."""
+    return None
+
+
+PLACES = ("history", "../matrices/history", "../../matrices/history")
+"""Where histories lie from here: in the file that runs alone, where the harness is installed, in its checkout."""
+
+
+@lru_cache(maxsize=None)
+def load_shipped(package: str) -> Optional[History]:
+    """Return the history of a package that came with us; None where there is none."""
+    contents = (carried_file("{}/{}.json.gz".format(place, package)) for place in PLACES)
+    return next((decode(content) for content in contents if content is not None), None)
+
+
+def decode(content: bytes) -> Optional[History]:
+    """Return the history in a file; None if it has another form."""
+    plain = json.loads(gzip.decompress(content).decode("utf-8"))
+    return History(plain) if plain.get("form", FORM) == FORM else None
+
+
+def package_of(module: str) -> Optional[str]:
+    """Return the package that has a module, by its dotted name."""
+    return OF_IMPORT.get(module.partition(".")[0])
+
+
+def _places(spans: Iterable[Sequence[int]]) -> List[int]:
+    return [place for first, last in spans for place in range(first, last + 1)]
+
+
+def _last_run(having: "set[int]", considered: Sequence[int]) -> Tuple[int, int]:
+    """Return the first and last of the newest consecutive releases that have a name."""
+    last = max(having)
+    first = last
+    for place in reversed([item for item in considered if item < last]):
+        if place not in having:
+            break
+        first = place
+    return first, last
+
+
+def _first_run(later: Sequence[int], having: "set[int]", considered: Sequence[int]) -> Tuple[int, int]:
+    """Return the first and last of the next consecutive releases that have a name."""
+    first = last = later[0]
+    for place in [item for item in considered if item > first]:
+        if place not in having:
+            break
+        last = place
+    return first, last
