@@ -1,4 +1,4 @@
-"""Read every release of the packages in `matrices/history.toml`: `python -m harness.history.making [NAME...]`.
+"""Read every release of the packages in `matrices/history/packages.toml`: `python -m harness.history.making [NAME...]`.
 
 What was read of a file is kept below the cache folder, so that a second call reads new releases alone.
 """
@@ -30,7 +30,7 @@ from harness.model.errors import CouldNotTell, HarnessError
 from harness.packages import index
 
 ROOT = Path(__file__).parents[2]
-PLAN = ROOT / "matrices" / "history.toml"
+PLAN = ROOT / "matrices" / "history" / "packages.toml"
 OUT = ROOT / "matrices" / "history"
 SECONDS = 300.0
 """The time that a command may take: an environment, or the import of one release."""

@@ -44,6 +44,9 @@ NAME = re.compile(rf"{CELLS}|({HASHED})/[0-9a-f]{{64}}|{LOGS}/\w[\w.+-]{{0,150}}
 FILTERS = [{"id": lzma.FILTER_LZMA2, "preset": 9, "dict_size": 64 << 20}]
 """Cells of one report said the same in long stretches: the dictionary reaches over all of them."""
 
+FILTERS_OF_ARRAYS = [{**FILTERS[0], "lc": 1, "lp": 3, "pb": 3, "nice_len": 273, "depth": 1000}]
+"""Numbers of eight bytes want other settings, which take a fiftieth of the size away."""
+
 
 class Packed(msgspec.Struct, frozen=True, kw_only=True):
     """The records of cells, the plans that they belong to, machines, and in-cell digests."""
@@ -135,7 +138,7 @@ def _array_packs(names: list[str], vault: Vault) -> Iterator[bytes]:
     contents = {name: vault.content(name, MOST_FILE) for name in names}
     packable = {name: content for name, content in contents.items() if array_packs.can_pack(content)}
     members = {f"{CONTENTS}/{name}": content for name, content in contents.items() if name not in packable}
-    archive = _archive(members | array_packs.pack(packable))
+    archive = _archive(members | array_packs.pack(packable), FILTERS_OF_ARRAYS)
     if len(archive) <= MOST_PACK or len(names) == 1:
         yield archive
         return
@@ -190,7 +193,7 @@ def _logs(record: CellRecord, state: Path) -> dict[str, bytes]:
     return logs
 
 
-def _archive(members: Mapping[str, bytes]) -> bytes:
+def _archive(members: Mapping[str, bytes], filters: list[dict[str, int]] = FILTERS) -> bytes:
     """Return a compressed archive, equal for equal members."""
     plain = io.BytesIO()
     with tarfile.open(fileobj=plain, mode="w", format=tarfile.USTAR_FORMAT) as archive:
@@ -200,7 +203,7 @@ def _archive(members: Mapping[str, bytes]) -> bytes:
             info = tarfile.TarInfo(name)
             info.size = len(content)
             archive.addfile(info, io.BytesIO(content))
-    return lzma.compress(plain.getvalue(), format=lzma.FORMAT_XZ, check=lzma.CHECK_SHA256, filters=FILTERS)
+    return lzma.compress(plain.getvalue(), format=lzma.FORMAT_XZ, check=lzma.CHECK_SHA256, filters=filters)
 
 
 # --- unpacking -------------------------------------------------------------------------------------------------
