@@ -52,7 +52,7 @@ def controls(session: nox.Session) -> None:
 
 @nox.session(python="3.11")
 def history(session: nox.Session) -> None:
-    """What each release of the packages of `matrices/history/packages.toml` offers; new releases are read, `-- NAME` alone."""
+    """What the releases of `matrices/history/packages.toml` offer; new ones are read; `-- NAME` for one package."""
     session.install("-e", ".[dev]")
     session.run("python", "-m", "harness.history.making", *session.posargs)
 
