@@ -414,7 +414,7 @@ def checks_of(names: Sequence[str]) -> tuple[str, ...]:
 def _stands_for(check: str, names: Sequence[str]) -> bool:
     """Return whether one of these phases names a check: a usual one, or any, of interop and by `.*`."""
     phase = check.partition(".")[0]
-    return f"{phase}.*" in names or (phase in names and (check in {*STANDARD, "behave.steps"} or phase == "interop"))
+    return f"{phase}.*" in names or (phase in names and (check in {*STANDARD, STEP, PLAY} or phase == "interop"))
 
 
 # --- when ------------------------------------------------------------------------------------------------------

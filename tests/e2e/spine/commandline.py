@@ -23,6 +23,9 @@ SMALL = Path(__file__).parent / "small.toml"
 TOGETHER = ("fake-import-error", "fake-undeclared")
 """Installed beside the environments, since they cost nothing until they are imported."""
 
+APART = {"fake-lamp"}
+"""Brings a module `mujoco` of its own, as another fake does."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CommandResult:
@@ -135,7 +138,8 @@ def runtime_fakes() -> list[str]:
     return [
         about["name"]
         for about in fakes
-        if about["name"] in TOGETHER or {"gymnasium", "fake-healthy"} & {*about.get("requires", ())}
+        if about["name"] not in APART
+        and (about["name"] in TOGETHER or {"gymnasium", "fake-healthy"} & {*about.get("requires", ())})
     ]
 
 
