@@ -17,7 +17,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 
 EPISODES = 100
@@ -110,6 +109,8 @@ def main() -> None:
     parser.add_argument("--shift", type=float, default=0.0, help="reward for staying alive, which is not counted")
     parser.add_argument("--horizon", type=int, default=1000)
     args = parser.parse_args()
+    import gymnasium  # noqa: PLC0415 - `--help` needs none
+
     env = gymnasium.make(args.env).unwrapped
     env.action_space.seed(args.seed)
     discrete = hasattr(env.action_space, "n")
