@@ -26,19 +26,21 @@ def main(incell, case):
     maker = part("cell_bank").Maker(env, physics, 0, STATES)
     bank = maker.make()
     stepper = part("cell_steps").Stepper(env, physics)
-    first, facts = stepper.outputs(bank)
+    first = stepper.outputs(bank)
+    repeats = not stepper.unrepeated(bank, first)
+    facts = stepper.entries()
     for seed in range(3):  # other goals, other places of objects, another past
         env.reset(100 + seed)
         for _ in range(PLAYED):
             env.step(env.action())
-    second, _ = stepper.outputs(bank)
+    second = stepper.outputs(bank)
     bank["state.task"] = np.roll(bank["state.task"], 1, axis=0)
-    other, _ = stepper.outputs(bank)
+    other = stepper.outputs(bank)
     unlike = sorted(name for name in first if first[name].tobytes() != second[name].tobytes())
     print(
         json.dumps(
             {
-                "repeats": facts["repeats"],
+                "repeats": repeats,
                 "unlike": unlike,
                 "task": sorted(name for _, name in physics.memory.attributes),
                 "places": len(physics.memory.rows),
