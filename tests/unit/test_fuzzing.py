@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import matplotlib.font_manager  # noqa: F401 - its first import in a home makes a folder there
 import pytest
 from fuzzing.driving import fuzz
 from fuzzing.targets import TARGETS
