@@ -6,6 +6,7 @@ matplotlib takes a third of a second to import, and few reports have behaviour: 
 from __future__ import annotations
 
 import io
+import warnings
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +44,8 @@ def draw(table: FamilyTable) -> bytes:
     from matplotlib import rc_context  # noqa: PLC0415 - start-up
     from matplotlib.figure import Figure  # noqa: PLC0415 - start-up
 
-    with rc_context(SETTINGS):
+    with rc_context(SETTINGS), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # names longer than the picture leave no room: it is drawn all the same
         rows, columns = len(table.steps), len(table.releases)
         figure = Figure(figsize=(2.2 + WIDTH * columns, 1.3 + HEIGHT * rows), layout="constrained")
         axes = figure.add_subplot()
