@@ -6,8 +6,8 @@ matplotlib takes a third of a second to import, and few reports have behaviour: 
 from __future__ import annotations
 
 import io
-import warnings
 import math
+import warnings
 from typing import TYPE_CHECKING, Any
 
 from harness.physics.relation import AGREEING, Class
