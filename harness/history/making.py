@@ -36,7 +36,7 @@ SECONDS = 300.0
 """The time that a command may take: an environment, or the import of one release."""
 
 OLD_NUMPY, NEW_PYTHON = "numpy<1.24", 12
-"""What old releases were written for, and the first minor version of Python for which there is no such NumPy."""
+"""The NumPy of old releases, and the first minor version of Python that has no such NumPy."""
 
 PLACEHOLDER = 20
 """A release with so many times fewer names than the middle one of its package holds the package's name, no more."""

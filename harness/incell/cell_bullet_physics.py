@@ -10,7 +10,7 @@ MOVABLE = (0, 1)
 """The kinds of joints whose state is one number: those that turn, and those that slide."""
 
 APART = 1000.0
-"""How far bodies are lifted above each other in order to part all that touches, in m."""
+"""The distance between lifted bodies, in m: nothing touches."""
 
 
 def bullet_of(raw):

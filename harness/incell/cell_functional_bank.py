@@ -8,7 +8,7 @@ FASTEST_SPEED = 200.0
 """The speed after one step beyond which a state is not used: overlaps throw bodies apart."""
 
 TURN = {"free": 3, "ball": 0}
-"""Where the quaternion of such a joint begins, behind the joint's first number."""
+"""The place of the quaternion behind the first number of such a joint."""
 
 
 class FunctionalMaker(Maker):

@@ -46,7 +46,7 @@ bit_count addModuleCleanup hardlink_to
 NEWER_MODULES = {"importlib.metadata", "tomllib", "zoneinfo", "graphlib", "annotationlib", "compression"}
 
 LIBRARIES = {"numpy", "metaworld"}
-"""What a module of ours may import, once the library under test has brought it."""
+"""Packages that an in-cell module may import, once the library under test has brought them."""
 
 
 def _tree(path: Path) -> ast.Module:

@@ -36,7 +36,7 @@ OF_IMPORT = {
 Spans = Sequence[Sequence[int]]
 
 OLD = "2020"
-"""What was there before is hardly missing because a release is older still, unless a text says which one it is."""
+"""A name that was there before this year is hardly missing for want of a newer release, unless a version is known."""
 
 
 class Availability(NamedTuple):
@@ -128,7 +128,7 @@ def no_history(_package: str) -> Optional[History]:
 
 
 PLACES = ("history", "../matrices/history", "../../matrices/history")
-"""Where histories lie from here: in the file that runs alone, where the harness is installed, in its checkout."""
+"""Folders of the histories: in the file that runs alone, in an installed harness, in its checkout."""
 
 
 @lru_cache(maxsize=None)

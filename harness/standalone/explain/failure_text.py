@@ -203,7 +203,7 @@ RAISED = re.compile(
     r"|^(?:Deprecated|Invalid|Unregistered|Unsupported)[A-Z]\w*: \S",
     re.MULTILINE,
 )
-"""How an exception begins that is not called an error; said of a quotation alone, as other lines begin so, too."""
+"""The beginning of an exception that is not called an error. Other lines begin so, too: it counts in short texts."""
 
 QUOTED = 4
 """Lines of a text that is no log: somebody asks what they mean."""

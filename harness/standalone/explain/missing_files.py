@@ -13,7 +13,7 @@ from .api_history import PLACES
 
 LIBRARY = re.compile(r"\b(lib[\w+-]+\.so(?:\.\d+)*): cannot open shared object file: No such file or directory")
 HEADER = re.compile(r"fatal error: '?((?:[\w.+-]+/)*[\w.+-]+\.h(?:pp)?)'?(?:: | file not found)")
-"""What follows is in the language of the compiler's user."""
+"""Compilers say the rest in the language of their user."""
 
 LINKED = re.compile(r"\bld: cannot find -l([\w+-]+)")
 PROGRAM = re.compile(
