@@ -14,7 +14,8 @@ from harness.model.measured import Measured
 from harness.reports.answers import misspelt, result_index
 from harness.reports.projects import project, upgraded, upgraded_text
 from harness.reports.projects.project import Project
-from harness.reports.projects.upgraded import Move
+from harness.reports.projects.tried_task import TriedTask
+from harness.reports.projects.upgraded import Move, Upgraded
 from harness.standalone import wrapping
 from harness.standalone.explain.api_history import load_shipped
 from harness.standalone.installing import installer
@@ -26,6 +27,10 @@ HELP = (
 )
 
 
+MOST = 3
+"""Tasks that `--try` measures where none is named."""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `upgrade`."""
     parser.add_argument("requirements", metavar="REQUIREMENT", nargs="+", help="mujoco, or mujoco==3.9.0")
@@ -34,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--python", metavar="V|PATH", help="another environment; or the Python of the files")
     parser.add_argument("--env", metavar="ID", help="only this environment, such as Ant-v5")
     parser.add_argument("--try", dest="measure", action="store_true",
-                        help="measure in a copy what no table holds: a task has to be named with --env")  # fmt: skip
+                        help="measure in a copy what no table holds: the task of --env, or some of them")  # fmt: skip
     parser.add_argument("--all", action="store_true", help="name every task and every release")
     parser.add_argument("--offline", action="store_true", help="never ask the index")
     parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
@@ -46,12 +51,29 @@ def main(args: argparse.Namespace) -> int:
     measured = result_index.load()
     moves = [_move(text, here, measured, offline=args.offline) for text in args.requirements]
     document = upgraded.upgrade(measured, here, moves, _command(here, moves), args.env)
+    if args.measure:
+        document = msgspec.structs.replace(document, tried=tuple(_tried(here, document, args)))
     if args.json:
         print_json(msgspec.json.encode(document))
     else:
-        texts = upgraded_text.lines(document, whole=args.all)
+        texts = [*upgraded_text.lines(document, whole=args.all), *upgraded_text.tried_lines(document)]
         print("\n".join(wrapping.wrap_lines(texts, wrapping.width(sys.stdout))))
     return upgraded.exit_code(document)
+
+
+def _tried(here: Project, document: Upgraded, args: argparse.Namespace) -> list[TriedTask]:
+    """Measure the task that is named, else some that were not measured, in copies. Raises BadInput, CouldNotTell."""
+    from harness.rootcause.doctor import upgrade_in_copy  # noqa: PLC0415 - start-up
+
+    unmeasured = [*document.behaviour.unmeasured, *document.tasks]
+    envs = [args.env] if args.env else list(dict.fromkeys(unmeasured))[:MOST]
+    if not envs:
+        message = "upgrade --try: no environment is known that uses it; name one with --env ID"
+        raise BadInput(message)
+    versions = {name: each.pinned for name, each in here.packages.items() if each.pinned}
+    python = here.interpreter or str(here.python or "host")
+    moves = {move.name: move.then for move in document.moves}
+    return upgrade_in_copy.try_upgrade(python, versions, moves, envs, offline=args.offline)
 
 
 def _move(text: str, here: Project, measured: Measured, *, offline: bool) -> Move:

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator, Sequence
 import msgspec
 
 from harness.model.measured import ReleaseSeries, SeriesStep
-from harness.reports.projects.measured_sets import HEAVY, bare
+from harness.reports.answers.measured_cells import is_heavy
+from harness.reports.projects.measured_sets import bare
 from harness.reports.projects.project import Project
 from harness.standalone.adapters import package as package_of_api
-from harness.standalone.keys import weight
 from harness.standalone.versions import is_version, version
 
 UNDECIDED = "?"
@@ -36,7 +36,7 @@ def concerning(series: Iterable[ReleaseSeries], project: Project, *, pictures: b
         for each in series
         if each.pictures == pictures
         and each.package in project.packages
-        and all(name in project.packages for name in (*each.where, *_brought(each)) if weight(name) >= HEAVY)
+        and all(name in project.packages for name in (*each.where, *_brought(each)) if is_heavy(name))
     ]
 
 
@@ -59,7 +59,7 @@ def other_versions(each: ReleaseSeries, project: Project) -> dict[str, str]:
     return {
         name: version
         for name, version in each.where.items()
-        if weight(name) >= HEAVY and not project.admits(name, version.partition("+")[0])
+        if is_heavy(name) and not project.admits(name, version.partition("+")[0])
     }
 
 

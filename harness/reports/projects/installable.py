@@ -28,39 +28,54 @@ class InstallAnswer(msgspec.Struct, frozen=True, kw_only=True):
     moves: tuple[str, ...] = ()
 
 
-def install_answer(before: Project, after: Project, targets: Mapping[str, str]) -> InstallAnswer:
-    """Return whether the `targets` (versions by name) can be installed in a project; `after` holds them already."""
-    requires = _required(before)
-    blockers = [
-        f"{name} {before.packages[name].pinned or ''}".rstrip() + f" asks for {each.name}{each.specifiers}"
-        for name, each in requires
-        if each.name in targets and name not in targets and not each.specifiers.admits(targets[each.name])
-    ]
-    blockers += _unfit(before, targets)
-    unknown = [name for name in targets if _release(load_shipped(name), targets[name]) is None]
-    moves: dict[str, str] = {}
-    for name, release in targets.items():
-        for each in _requirements_of(name, release, after):
-            if each.name in targets:
-                if not each.specifiers.admits(targets[each.name]):
-                    blockers.append(f"{name} {release} asks for {each.name}{each.specifiers}")
-                continue
-            declared = after.packages.get(each.name)
-            if declared is None or declared.pinned is None or each.specifiers.admits(declared.pinned):
-                continue
-            moves[each.name] = f"{each.name}{each.specifiers} (now {declared.pinned})"
-            others = [(asker, other) for asker, other in requires if other.name == each.name and asker not in targets]
-            blockers += [
-                f"{name} {release} asks for {each.name}{each.specifiers}, and {asker} for {each.name}{other.specifiers}"
-                for asker, other in others
-                if unsatisfiable([each.specifiers, other.specifiers])
-            ]
-    if blockers:
-        return InstallAnswer(possible=False, text=f"no: {blockers[0]}", blockers=tuple(blockers))
-    if unknown:
-        return InstallAnswer(possible=None, text=f"not on record: what {' and '.join(unknown)} requires")
-    with_it = f", and moves {', '.join(moves.values())}" if moves else ""
-    return InstallAnswer(possible=True, text=f"yes{with_it}", moves=tuple(moves.values()))
+class Requirements:
+    """What the packages of a project require, read once."""
+
+    def __init__(self, project: Project) -> None:
+        self.project = project
+        self.variables = _variables(project)
+        self.required = [
+            (name, each)
+            for name, text in _texts(project)
+            if (each := _applying(text, self.variables, _extras(project, name)))
+        ]
+
+    def answer(self, after: Project, targets: Mapping[str, str]) -> InstallAnswer:
+        """Return whether the `targets` (versions by name) can be installed; `after` is the project with them."""
+        blockers = [*self._kept_out(targets), *_unfit(self.project, targets)]
+        moves: dict[str, str] = {}
+        for name, release in targets.items():
+            for each in _requirements_of(name, release, self.variables, _extras(after, name)):
+                if each.name in targets:
+                    if not each.specifiers.admits(targets[each.name]):
+                        blockers.append(f"{name} {release} asks for {each.name}{each.specifiers}")
+                    continue
+                declared = after.packages.get(each.name)
+                if declared and declared.pinned and not each.specifiers.admits(declared.pinned):
+                    moves[each.name] = f"{each.name}{each.specifiers} (now {declared.pinned})"
+                    blockers += self._torn(f"{name} {release}", each, targets)
+        if blockers:
+            return InstallAnswer(possible=False, text=f"no: {blockers[0]}", blockers=tuple(blockers))
+        unknown = [name for name in targets if _release(load_shipped(name), targets[name]) is None]
+        if unknown:
+            return InstallAnswer(possible=None, text=f"not on record: what {' and '.join(unknown)} requires")
+        with_it = f", and moves {', '.join(moves.values())}" if moves else ""
+        return InstallAnswer(possible=True, text=f"yes{with_it}", moves=tuple(moves.values()))
+
+    def _kept_out(self, targets: Mapping[str, str]) -> Iterator[str]:
+        """Yield the requirements of packages that stay which a target does not meet."""
+        for name, each in self.required:
+            if each.name in targets and name not in targets and not each.specifiers.admits(targets[each.name]):
+                held = self.project.packages[name].pinned
+                yield f"{name}{f' {held}' if held else ''} asks for {each.name}{each.specifiers}"
+
+    def _torn(self, target: str, wanted: Requirement, targets: Mapping[str, str]) -> Iterator[str]:
+        """Yield the requirements of packages that stay which cannot be met together with one of a target."""
+        others = ((name, each) for name, each in self.required if each.name == wanted.name and name not in targets)
+        for name, other in others:
+            if unsatisfiable([wanted.specifiers, other.specifiers]):
+                mine, theirs = (f"{wanted.name}{each.specifiers}" for each in (wanted, other))
+                yield f"{target} asks for {mine}, and {name} for {theirs}"
 
 
 def _release(history: History | None, text: str) -> Mapping[str, object] | None:
@@ -86,14 +101,12 @@ def _unfit(project: Project, targets: Mapping[str, str]) -> Iterator[str]:
             yield f"{name} {release} has no wheel for Python {python} on Linux, and no source"
 
 
-def _required(project: Project) -> list[tuple[str, Requirement]]:
+def _texts(project: Project) -> list[tuple[str, str]]:
     """Return what the packages of a project require, each with the package that does."""
-    if project.interpreter is not None:
-        declared = packages.requirements_of(project.interpreter, os.environ)
-        texts = [(name, text) for name, each in declared.items() for text in each]
-    else:
-        texts = [(name, text) for name in project.packages for text in _newest_requires(name, project)]
-    return [(name, each) for name, text in texts if (each := _applying(text, project, project.packages.get(name)))]
+    if project.interpreter is None:
+        return [(name, text) for name in project.packages for text in _newest_requires(name, project)]
+    declared = packages.requirements_of(project.interpreter, os.environ)
+    return [(name, text) for name, texts in declared.items() if name in project.packages for text in texts]
 
 
 def _newest_requires(name: str, project: Project) -> list[str]:
@@ -113,24 +126,34 @@ def _texts_at(history: History, places: list[int]) -> list[str]:
     ]
 
 
-def _requirements_of(name: str, release: str, project: Project) -> Iterator[Requirement]:
+def _requirements_of(
+    name: str, release: str, variables: Mapping[str, str], extras: frozenset[str]
+) -> Iterator[Requirement]:
     """Yield what a release requires."""
     history = load_shipped(name)
     if history is not None:
         places = [place for place in history.read if version(history.versions[place]) == version(release)]
         for text in _texts_at(history, places):
-            each = _applying(text, project, project.packages.get(name))
+            each = _applying(text, variables, extras)
             if each:
                 yield each
 
 
-def _applying(text: str, project: Project, declared: object) -> Requirement | None:
-    """Return a requirement that applies to a project; None for one of another Python, or that cannot be parsed."""
+def _variables(project: Project) -> dict[str, str]:
     variables = {name: str(value) for name, value in default_environment().items()}
     if project.python:
         variables["python_version"] = ".".join(project.python.split(".")[:2])
         variables["python_full_version"] = project.python
-    extras: frozenset[str] = getattr(declared, "extras", frozenset())
+    return variables
+
+
+def _extras(project: Project, name: str) -> frozenset[str]:
+    declared = project.packages.get(name)
+    return declared.extras if declared else frozenset()
+
+
+def _applying(text: str, variables: Mapping[str, str], extras: frozenset[str]) -> Requirement | None:
+    """Return a requirement that applies; None for one of another Python, or one that cannot be parsed."""
     try:
         each = requirement(text)
         return each if each.wanted(variables, extras) else None

@@ -10,14 +10,11 @@ from packaging.version import Version
 
 from harness.model.measured import MeasuredCell
 from harness.model.report_types import CaseEntry
-from harness.reports.answers.measured_cells import CellResult, case_works
+from harness.reports.answers.measured_cells import CellResult, case_works, is_heavy
 from harness.reports.projects.project import Project
 from harness.standalone.explain.import_names import package_with
-from harness.standalone.keys import SIMULATORS, weight
+from harness.standalone.keys import weight
 from harness.standalone.versions import is_version, version
-
-HEAVY = 4
-"""The weight of a package that somebody chooses; lighter ones come with it."""
 
 NO_MODULE = re.compile(r"No module named '([\w.]+)'")
 
@@ -51,7 +48,7 @@ def find_sets(cells: Iterable[CellResult], project: Project) -> list[MeasuredSet
     """
     groups: dict[frozenset[str], list[CellResult]] = {}
     for result in cells:
-        names = chosen(result)
+        names = result.subjects
         if names and names <= project.packages.keys() and is_plain(result):
             groups.setdefault(names, []).append(result)
     held = [names for names in groups if any(fits(each, project) for each in groups[names])]
@@ -66,18 +63,6 @@ def find_sets(cells: Iterable[CellResult], project: Project) -> list[MeasuredSet
         )
         for names in ordered
     ]
-
-
-def chosen(result: CellResult) -> frozenset[str]:
-    """Return the packages that a cell is about: those that its matrix varies, and others that it names and ran."""
-    ran = result.exercised or result.named
-    return frozenset(
-        name
-        for name in result.named
-        if (name in SIMULATORS or weight(name) >= HEAVY)
-        and result.version(name)
-        and (name in ran or name in result.cell.axes)
-    )
 
 
 def is_plain(result: CellResult) -> bool:
@@ -95,7 +80,7 @@ def fits(result: CellResult, project: Project, *, any_python: bool = False) -> b
         return False
     if _missing(result) in project.packages:
         return False
-    return not any(_differs(name, held, project) for name, held in versions_that_count(result).items())
+    return not any(_differs(name, held, project) for name, held in result.counted_versions.items())
 
 
 def _missing(result: CellResult) -> str | None:
@@ -104,19 +89,14 @@ def _missing(result: CellResult) -> str | None:
     return package_with(match.group(1)) if match else None
 
 
-def versions_that_count(result: CellResult) -> dict[str, str]:
-    """Return the versions of the packages that decide how a cell ends: those chosen, and what they stand on."""
-    names = chosen(result) | {name for name in result.exercised if weight(name)}
-    return {name: held for name in sorted(names) if (held := result.version(name))}
-
-
 def _differs(name: str, held: str, project: Project) -> bool:
     public = held.partition("+")[0]
     if project.admits(name, public):
         return False
     pinned = project.packages[name].pinned
-    is_light = weight(name) < HEAVY and name not in SIMULATORS
-    return not (is_light and pinned and is_version(pinned) and _generation(name, pinned) == _generation(name, public))
+    return not (
+        not is_heavy(name) and pinned and is_version(pinned) and _generation(name, pinned) == _generation(name, public)
+    )
 
 
 def _generation(name: str, text: str) -> tuple[int, ...]:
@@ -127,7 +107,7 @@ def _generation(name: str, text: str) -> tuple[int, ...]:
 
 def differences(result: CellResult, project: Project) -> dict[str, tuple[str, str]]:
     """Return the light packages whose version in a cell is not the pinned one: the pinned and the measured version."""
-    held = versions_that_count(result)
+    held = result.counted_versions
     return {
         name: (declared.pinned, version_there)
         for name, version_there in held.items()
@@ -182,9 +162,7 @@ def nearest(results: Sequence[CellResult], project: Project, wanted: Sequence[st
 
 def _distance(result: CellResult, project: Project, wanted: Sequence[str]) -> tuple[object, ...]:
     apart = sum(_gap(str(result.version(name)), project.packages[name].pinned, name, project) for name in wanted)
-    light = sum(
-        _differs(name, held, project) for name, held in versions_that_count(result).items() if name not in wanted
-    )
+    light = sum(_differs(name, held, project) for name, held in result.counted_versions.items() if name not in wanted)
     other_python = not project.admits_python(result.python)
     newest = tuple(tuple(-part for part in version(str(result.version(name))).release) for name in wanted)
     return apart + 2 * other_python + light, newest, result.cell.id

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import msgspec
 
@@ -13,9 +13,10 @@ from harness.reports.answers import measured_cells
 from harness.reports.answers.measured_cells import CellResult
 from harness.reports.projects import changes, installable, measured_sets
 from harness.reports.projects.changes import TaskChange
-from harness.reports.projects.installable import InstallAnswer
+from harness.reports.projects.installable import InstallAnswer, Requirements
 from harness.reports.projects.measured_sets import Task, bare
 from harness.reports.projects.project import Declared, Project, with_versions
+from harness.reports.projects.tried_task import TriedTask
 from harness.standalone.explain.api_history import load_shipped
 from harness.standalone.versions import is_version, specifiers, version
 
@@ -64,6 +65,7 @@ class Upgraded(msgspec.Struct, frozen=True, kw_only=True):
 
     `tasks` are the environments of the project that use a package which moves. `unchanging` is the newest release of
     each package at which nothing is known to change, None where that is the one at hand. `command` does the upgrade.
+    `tried` are tasks that were measured for this answer.
     """
 
     schema: int = 1
@@ -77,6 +79,7 @@ class Upgraded(msgspec.Struct, frozen=True, kw_only=True):
     pictures: Sameness
     unchanging: dict[str, str | None]
     command: tuple[str, ...]
+    tried: tuple[TriedTask, ...] = ()
 
 
 def upgrade(
@@ -87,18 +90,23 @@ def upgrade(
     targets = {move.name: move.then for move in moves}
     after = with_versions(project, targets)
     running, concerned = _running(cells, project, after, targets, env)
-    behaviour = _sameness(measured.series, after, moves, concerned, env, pictures=False)
-    pictures = _sameness(measured.series, after, moves, concerned, env, pictures=True)
+    kinds = [
+        [each for each in changes.concerning(measured.series, after, pictures=pictures) if env in {None, _name(each)}]
+        for pictures in (False, True)
+    ]
+    behaviour, pictures = (_sameness(series, after, moves, concerned) for series in kinds)
+    requirements = installable.Requirements(project)
+    unchanging = _Unchanging(project, cells, kinds, requirements)
     return Upgraded(
         source=project.source,
         python=project.python,
         moves=tuple(moves),
-        install=installable.install_answer(project, after, targets),
+        install=requirements.answer(after, targets),
         tasks=tuple(sorted(concerned)),
         running=tuple(running),
         behaviour=behaviour,
         pictures=pictures,
-        unchanging={move.name: _unchanging(measured, cells, project, move, env) for move in moves},
+        unchanging={move.name: unchanging.newest(move, env) for move in moves},
         command=tuple(command),
     )
 
@@ -106,11 +114,14 @@ def upgrade(
 def exit_code(document: Upgraded) -> int:
     """Return 1 where something fails or changes, 3 where something was not measured, else 0."""
     fails = document.install.possible is False or any(not task.works for task in document.running)
-    if fails or document.behaviour.changed or document.pictures.changed:
+    tried = [task for task in document.tried if not task.runs_then or task.behaves_otherwise]
+    if fails or tried or document.behaviour.changed or document.pictures.changed:
         return 1
-    measured = {task.env for task in document.running}
-    whole = document.tasks and measured >= {*document.tasks} and not document.behaviour.unmeasured
-    return 0 if whole and document.install.possible else 3
+    same = {task.env for task in document.tried if task.behaves_otherwise is False}
+    ran = {task.env for task in document.running} | same
+    tasks = {*document.tasks} or same
+    whole = tasks and ran >= tasks and {*document.behaviour.unmeasured} <= same
+    return 0 if whole and (document.install.possible or same) else 3
 
 
 # --- the release -----------------------------------------------------------------------------------------------
@@ -175,7 +186,7 @@ def _running(
     now: set[str] = set()
     ever: set[str] = set()
     for each in measured_sets.find_sets(cells, free):
-        using = [result for result in each.cells if {*targets} & (result.exercised | measured_sets.chosen(result))]
+        using = [result for result in each.cells if {*targets} & (result.exercised | result.subjects)]
         tasks = _tasks_with(using, after, targets, env)
         running += tasks
         ever |= _names(using, free, targets, env)
@@ -230,51 +241,48 @@ def _public(result: CellResult, name: str) -> str:
 def _uses(task: Task, targets: Iterable[str]) -> bool:
     """Return whether an environment runs a package that moves; where that was not noted, whether its cell names one."""
     noted = next((case.exercised for case in task.result.cell.cases if task.env in str(case.env)), ())
-    ran = {*noted} if noted else {*measured_sets.chosen(task.result)}
+    ran = {*noted} if noted else {*task.result.subjects}
     return bool(ran & {*targets})
 
 
 # --- would it be the same --------------------------------------------------------------------------------------
 
 
+def _name(each: ReleaseSeries) -> str:
+    return bare(each.env, each.api)
+
+
 def _sameness(
-    series: Iterable[ReleaseSeries],
-    after: Project,
-    moves: Sequence[Move],
-    concerned: Collection[str],
-    env: str | None,
-    *,
-    pictures: bool,
+    series: Iterable[ReleaseSeries], after: Project, moves: Sequence[Move], concerned: Collection[str]
 ) -> Sameness:
+    """Return which environments stay the same over moves; without any that are `concerned`, of all of the series."""
     same: dict[str, bool] = {}
     changed: list[TaskChange] = []
     starts: set[str] = set()
     undecided: set[str] = set()
     others: dict[str, str] = {}
-    concerning = changes.nearest(changes.concerning(series, after, pictures=pictures), after)
-    for move in moves:
-        for each in concerning:
-            name = bare(each.env, each.api)
-            if each.package != move.name or move.now is None or env not in {None, name}:
-                continue
-            if concerned and name not in concerned:
-                continue
-            answer = changes.alike(each, move.now, move.then)
-            steps = changes.steps_within(each, move.now, move.then)
-            others |= changes.other_versions(each, after)
-            if answer is None:
-                undecided.add(name)
-            elif answer:
-                exact = all(changes.measured_there(each, release) for release in (move.now, move.then))
-                same[name] = same.get(name, True) and exact
-                starts |= {name for step in steps if step not in changes.lasting(each, steps)}
-            else:
-                changed += changes.task_changes(each, changes.lasting(each, steps))
+    now = {move.name: move for move in moves if move.now is not None}
+    for each in changes.nearest(series, after):
+        name, move = _name(each), now.get(each.package)
+        if move is None or move.now is None or (concerned and name not in concerned):
+            continue
+        answer = changes.alike(each, move.now, move.then)
+        steps = changes.steps_within(each, move.now, move.then)
+        others |= changes.other_versions(each, after)
+        if answer is None:
+            undecided.add(name)
+        elif answer:
+            exact = all(changes.measured_there(each, release) for release in (move.now, move.then))
+            same[name] = same.get(name, True) and exact
+            lasting = changes.lasting(each, steps)
+            starts |= {name for step in steps if step not in lasting}
+        else:
+            changed += changes.task_changes(each, changes.lasting(each, steps))
     moved = {change.env for change in changed}
     alike = {*same} - moved - undecided
     return Sameness(
         same=tuple(sorted(alike)),
-        changed=tuple(dict.fromkeys(changed)),
+        changed=tuple({(change.env, change.package, change.after): change for change in changed}.values()),
         unmeasured=tuple(sorted({*concerned} - alike - moved)),
         between=tuple(sorted(name for name in alike if not same[name])),
         starts=tuple(sorted(starts - moved)),
@@ -282,30 +290,34 @@ def _sameness(
     )
 
 
-def _unchanging(
-    measured: Measured, cells: Sequence[CellResult], project: Project, move: Move, env: str | None
-) -> str | None:
-    """Return the newest release at which all that was measured stays the same and works; None for the one at hand."""
-    if move.now is None:
-        return None
-    releases = {
-        release
-        for each in changes.concerning(measured.series, project)
-        if each.package == move.name
-        for release in each.releases
-        if is_version(release) and version(release) > version(move.now)
-    }
-    for release in sorted(releases, key=version, reverse=True):
+@dataclass(frozen=True)
+class _Unchanging:
+    """Looks for the newest release at which nothing changes; `kinds` are series of behaviour, and of pictures."""
+
+    project: Project
+    cells: Sequence[CellResult]
+    kinds: Sequence[Sequence[ReleaseSeries]]
+    requirements: Requirements
+
+    def newest(self, move: Move, env: str | None) -> str | None:
+        """Return the newest release at which all that was measured stays the same and works; None if it is at hand."""
+        releases = {
+            release
+            for each in self.kinds[0]
+            if each.package == move.name
+            for release in each.releases
+            if move.now and is_version(release) and version(release) > version(move.now)
+        }
+        ordered = sorted(releases, key=version, reverse=True)
+        return next((release for release in ordered if self._changes_nothing(move, release, env)), None)
+
+    def _changes_nothing(self, move: Move, release: str, env: str | None) -> bool:
         step = [Move(name=move.name, now=move.now, then=release)]
-        after = with_versions(project, {move.name: release})
-        sames = [_sameness(measured.series, after, step, (), env, pictures=pictures) for pictures in (False, True)]
-        running, _ = _running(cells, project, after, {move.name: release}, env)
-        installs = installable.install_answer(project, after, {move.name: release}).possible is not False
-        if (
-            installs
-            and sames[0].same
-            and not any(each.changed for each in sames)
-            and all(task.works for task in running)
-        ):
-            return release
-    return None
+        after = with_versions(self.project, {move.name: release})
+        behaviour, pictures = (_sameness(series, after, step, ()) for series in self.kinds)
+        if behaviour.changed or pictures.changed or not behaviour.same:
+            return False
+        if self.requirements.answer(after, {move.name: release}).possible is False:
+            return False
+        running, _ = _running(self.cells, self.project, after, {move.name: release}, env)
+        return all(task.works for task in running)

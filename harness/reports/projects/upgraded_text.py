@@ -27,6 +27,17 @@ def lines(document: Upgraded, *, whole: bool = False) -> Iterator[str]:
     yield from (f"  {line}" for line in document.command)
 
 
+def tried_lines(document: Upgraded) -> Iterator[str]:
+    """Yield what was measured for this answer."""
+    for task in document.tried:
+        now, then = ("runs" if works else "fails" for works in (task.runs_now, task.runs_then))
+        because = f": {task.line}" if task.line else ""
+        yield _labelled("tried", f"{task.env} {now} now, and {then} with the upgrade{because}")
+        yield _labelled("", f"it {task.text}" if task.behaves_otherwise is not None else task.text)
+        if task.left_out:
+            yield _labelled("", f"{len(task.left_out)} other packages were left to the resolver")
+
+
 def _running(document: Upgraded, most: int) -> Iterator[str]:
     works = [task for task in document.running if task.works]
     fails = [task for task in document.running if not task.works]
