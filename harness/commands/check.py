@@ -9,9 +9,10 @@ from pathlib import Path
 import msgspec
 from packaging.version import InvalidVersion, Version
 
+from harness.commands import environment_at_hand
 from harness.model.errors import BadInput, CouldNotTell
 from harness.reports.answers import result_index
-from harness.reports.projects import checked, checked_text, project
+from harness.reports.projects import checked, checked_text, project, unknown_names
 from harness.reports.projects.checked import Checked
 from harness.standalone import wrapping
 from harness.standalone.output import print_json
@@ -43,6 +44,7 @@ def main(args: argparse.Namespace) -> int:
     """Check the project, print the findings, and return the exit code."""
     projects = [_read(args, files) for files in _files(args)]
     measured = result_index.load()
+    unknown_names.refuse_environment(args.env, measured)
     documents = [checked.check(measured, each, args.env) for each in projects]
     if args.json:
         print_json(msgspec.json.encode(documents[0] if len(documents) == 1 else documents))
@@ -66,13 +68,15 @@ def _files(args: argparse.Namespace) -> list[list[Path]]:
 
 def _read(args: argparse.Namespace, files: list[Path]) -> project.Project:
     if not files:
-        return project.read_environment(args.python)
+        return environment_at_hand.read_environment(args.python)
     try:
         python = str(Version(args.python)) if args.python else None
     except InvalidVersion:
         message = f'check: --python "{args.python}" is no version such as 3.11, which files need'
         raise BadInput(message) from None
-    return project.read_files(files, args.extra, args.group, python)
+    here = project.read_files(files, args.extra, args.group, python)
+    unknown_names.refuse_unknown(here, files, lambda text: print(text, file=sys.stderr))
+    return here
 
 
 __all__ = ["HELP", "Checked", "add_arguments", "main"]

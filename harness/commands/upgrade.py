@@ -9,10 +9,11 @@ from pathlib import Path
 
 import msgspec
 
+from harness.commands import environment_at_hand
 from harness.model.errors import BadInput
 from harness.model.measured import Measured
 from harness.reports.answers import misspelt, result_index
-from harness.reports.projects import project, upgraded, upgraded_text
+from harness.reports.projects import project, unknown_names, upgraded, upgraded_text
 from harness.reports.projects.project import Project
 from harness.reports.projects.tried_task import TriedTask
 from harness.reports.projects.upgraded import Move, Upgraded
@@ -47,8 +48,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Print what is known of the upgrade, and return the exit code."""
-    here = project.read_files(args.files, (), (), args.python) if args.files else project.read_environment(args.python)
+    here = (
+        project.read_files(args.files, (), (), args.python)
+        if args.files
+        else environment_at_hand.read_environment(args.python)
+    )
     measured = result_index.load()
+    unknown_names.refuse_environment(args.env, measured)
     moves = [_move(text, here, measured, offline=args.offline) for text in args.requirements]
     document = upgraded.upgrade(measured, here, moves, _command(here, moves), args.env)
     if args.measure:

@@ -67,7 +67,11 @@ PYPI = {"pytorch": "torch", "pytorch-cpu": "torch", "pytorch-gpu": "torch", "ope
 
 
 def _as_requirement(name: str, version: str) -> tuple[str, ...]:
-    """Return a conda package as a requirement of the same release; nothing where it names none."""
+    """Return a conda package as a requirement of the same release; nothing where it names none.
+
+    Three numbers name a release, for which conda has builds; fewer of them name all releases that begin so.
+    """
+    version = re.sub(r"^==(\d+\.\d+\.\d+(?:\.\d+)*)\.\*$", r"==\1", version)
     try:
         return (f"{name}{requirement_texts.specifiers(version)}",) if re.fullmatch(r"[\w.-]*\w", name) else ()
     except InvalidSpecifier:

@@ -9,5 +9,6 @@ __all__ = [
     "recommending",
     "result_index",
     "shipped_reports",
+    "traps",
     "try_answer",
 ]

@@ -161,5 +161,5 @@ def _picture_steps(entry: PicturesEntry, env: str) -> Iterator[SeriesStep]:
 
 
 def _describe(difference: PictureDifferenceEntry) -> str:
-    made = f"; what moved: {', '.join(difference.moved)}" if difference.moved else ""
-    return f"is drawn otherwise in {max(difference.share, 0.001):.1%} of the picture{made}"
+    parts = f"; what moved: {', '.join(difference.moved)}" if difference.moved else ""
+    return f"is drawn otherwise in {max(difference.share, 0.001):.1%} of the picture{parts}"

@@ -94,11 +94,11 @@ def measured_there(each: ReleaseSeries, release: str) -> bool:
 def _family(each: ReleaseSeries, release: str) -> str | None:
     wanted = version(release)
     held = [(version(text), family) for text, family in zip(each.releases, each.families, strict=True)]
-    exact = next((family for known, family in held if known == wanted), None)
+    exact = next((family for release, family in held if release == wanted), None)
     if exact is not None:
         return exact
-    below = [family for known, family in held if known < wanted]
-    above = [family for known, family in held if known > wanted]
+    below = [family for release, family in held if release < wanted]
+    above = [family for release, family in held if release > wanted]
     return below[-1] if below and above and below[-1] == above[0] else None
 
 

@@ -287,10 +287,10 @@ def _excludes(each: MeasuredSet, fitting: Sequence[CellResult], project: Project
     """Yield each upper bound of a project that keeps out a newer release which works with all the rest."""
     for name in each.names:
         declared = project.packages[name]
-        kept = [clause for clause in declared.versions.clauses if clause.operator not in UPPER]
-        if declared.by is not None or declared.pinned or len(kept) == len(declared.versions.clauses):
+        others = [clause for clause in declared.versions.clauses if clause.operator not in UPPER]
+        if declared.by is not None or declared.pinned or len(others) == len(declared.versions.clauses):
             continue
-        free = replace(declared, versions=specifiers(",".join(map(str, kept))))
+        free = replace(declared, versions=specifiers(",".join(map(str, others))))
         wider = replace(project, packages={**project.packages, name: free})
         newest = max((_newness(result, [name]) for result in fitting), default=())
         beyond = [

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping
 
 import msgspec
 from packaging.markers import default_environment
 
 from harness.reports.projects.project import Project
-from harness.standalone import packages
-from harness.standalone.explain import missing_releases
 from harness.standalone.explain.api_history import History, load_shipped
+from harness.standalone.explain.missing_releases import has_wheel
 from harness.standalone.requirements import Requirement, requirement
 from harness.standalone.versions import specifiers, unsatisfiable, version
 
 
 class InstallAnswer(msgspec.Struct, frozen=True, kw_only=True):
-    """Whether releases can be installed; None where that is not on record.
+    """An answer whether releases can be installed; None where that is not on record.
 
     `blockers` are requirements of packages that stay, `moves` are other packages that have to change with them.
     """
@@ -29,7 +27,7 @@ class InstallAnswer(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Requirements:
-    """What the packages of a project require, read once."""
+    """The requirements of the packages of a project, read once."""
 
     def __init__(self, project: Project) -> None:
         self.project = project
@@ -97,7 +95,7 @@ def _unfit(project: Project, targets: Mapping[str, str]) -> Iterator[str]:
         wants = str(entry.get("python") or "")
         if wants and not specifiers(wants).admits(f"{python}.99"):
             yield f"{name} {release} wants Python {wants}"
-        elif not entry.get("sdist") and not missing_releases.has_wheel(entry, python):
+        elif not entry.get("sdist") and not has_wheel(entry, python):
             yield f"{name} {release} has no wheel for Python {python} on Linux, and no source"
 
 
@@ -105,8 +103,8 @@ def _texts(project: Project) -> list[tuple[str, str]]:
     """Return what the packages of a project require, each with the package that does."""
     if project.interpreter is None:
         return [(name, text) for name in project.packages for text in _newest_requires(name, project)]
-    declared = packages.requirements_of(project.interpreter, os.environ)
-    return [(name, text) for name, texts in declared.items() if name in project.packages for text in texts]
+    required = project.requirements
+    return [(name, text) for name, texts in required.items() if name in project.packages for text in texts]
 
 
 def _newest_requires(name: str, project: Project) -> list[str]:

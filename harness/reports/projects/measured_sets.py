@@ -123,7 +123,7 @@ def tasks(results: Iterable[CellResult], project: Project, env: str | None = Non
 
     Of cells that are equally near, one counts in which it works, then the newest.
     """
-    found: dict[str, list[tuple[tuple[object, ...], Task]]] = {}
+    tried: dict[str, list[tuple[tuple[object, ...], Task]]] = {}
     for result in results:
         near = -len(differences(result, project))
         for case in result.cell.cases:
@@ -132,8 +132,8 @@ def tasks(results: Iterable[CellResult], project: Project, env: str | None = Non
             name = bare(case.env, case.api)
             task = Task(env=name, works=case_works(case), line=why(case, result.cell), result=result)
             order = near, task.works, Version(result.python), result.cell.measured
-            found.setdefault(name, []).append((order, task))
-    return {name: max(each, key=lambda item: item[0])[1] for name, each in found.items()}
+            tried.setdefault(name, []).append((order, task))
+    return {name: max(each, key=lambda item: item[0])[1] for name, each in tried.items()}
 
 
 def bare(env: str, api: str) -> str:

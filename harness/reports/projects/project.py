@@ -1,8 +1,7 @@
-"""Read the packages of a project: from requirement files, or from an environment at hand."""
+"""Hold the packages of a project, and read them from requirement files."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,10 +12,8 @@ from packaging.utils import canonicalize_name
 
 from harness.model import requirement_texts
 from harness.model.errors import BadInput
-from harness.standalone import packages
-from harness.standalone.doctor.environment_choice import NoEnvironment, choose_environment
 from harness.standalone.explain.api_history import History, load_shipped
-from harness.standalone.versions import Specifiers, is_version, specifiers, unsatisfiable, version
+from harness.standalone.versions import Specifiers, specifiers, unsatisfiable, version
 
 DEEPEST = 4
 """Requirements of requirements that are followed."""
@@ -48,8 +45,8 @@ class Project:
     """The packages of a project by name.
 
     `source` names it in sentences. `pythons` are the Pythons that it admits, `python` the only one, such as `3.11.7`.
-    `interpreter` is the Python of an environment at hand. `unjudged` are requirements that cannot be judged, each with
-    the reason. `conflicts` are requirements that no version meets.
+    `interpreter` is the Python of an environment at hand, `requirements` what the packages in it require. `unjudged`
+    are requirements that cannot be judged, each with the reason. `conflicts` are requirements that no version meets.
     """
 
     source: str
@@ -59,8 +56,8 @@ class Project:
     interpreter: str | None = None
     unjudged: tuple[str, ...] = ()
     conflicts: tuple[str, ...] = ()
-    why: str = ""
     constraints: Mapping[str, Specifiers] = field(default_factory=dict)
+    requirements: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
     def admits(self, name: str, version: str) -> bool:
         """Return whether the project admits a version of a package; one that it does not name may have any."""
@@ -83,34 +80,6 @@ def with_versions(project: Project, versions: Mapping[str, str]) -> Project:
     return replace(project, packages={**project.packages, **moved})
 
 
-# --- an environment at hand ------------------------------------------------------------------------------------
-
-
-def read_environment(python: str | None) -> Project:
-    """Return the packages of an environment: the named one, else the active one. Raises BadInput."""
-    folder = str(Path.cwd())
-    try:
-        choice = choose_environment(python, os.environ, folder)
-    except NoEnvironment as error:
-        raise BadInput(str(error)) from None
-    found = packages.of_interpreter(choice.python, os.environ, folder)
-    if found is None or not found.version:
-        message = f"{choice.python}: it cannot be told which Python this is, {choice.why}; name another with --python"
-        raise BadInput(message)
-    names = {name: version for name, version in found.installed.items() if is_version(version)}
-    public = {name: version.partition("+")[0] for name, version in names.items()}
-    return Project(
-        source=f"{choice.python} (Python {found.version}, {choice.why})",
-        packages={
-            name: Declared(name=name, versions=specifiers(f"=={version}"), pinned=version)
-            for name, version in public.items()
-        },
-        pythons=specifiers(""),
-        python=found.version,
-        interpreter=choice.python,
-    )
-
-
 # --- requirement files -----------------------------------------------------------------------------------------
 
 
@@ -130,6 +99,9 @@ def read_files(paths: Sequence[Path], extras: Sequence[str], groups: Sequence[st
             unjudged.append(f"{requirement.name}: taken from an address, which no index knows")
         elif _applies(requirement, variables):
             texts.setdefault(canonicalize_name(requirement.name), []).append(requirement)
+    if not texts and not unjudged:
+        message = f"{source}: asks for no package"
+        raise BadInput(message)
     constraints = _bounds(given.constraints, variables)
     overrides = _bounds(given.overrides, variables)
     declared = {name: _declared(name, each, constraints, overrides) for name, each in texts.items()}
