@@ -144,7 +144,7 @@ def main(args: argparse.Namespace) -> int:
         print(f"{args.standalone}: type `python {args.standalone} doctor` or `... explain FILE` where no harness is")
         return 0
     knowledge = doctor.Knowledge(explain.signatures(), result_index.load_plain)
-    request = doctor.Request(args.python, args.env, dict(os.environ), str(Path.cwd()))
+    request = doctor.Request(args.python, args.env, dict(os.environ), str(Path.cwd()), api=args.api)
     looks = in_place.HostInspection(env=args.env, api=args.api, rendering=args.rendering)
     try:
         plain = doctor.document(request, in_place.run, knowledge, looks.inspect)

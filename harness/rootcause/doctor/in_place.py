@@ -99,7 +99,7 @@ class HostInspection:
             store = Store(scratch)
             until = Phase.RENDER if self.rendering else Phase.SINGLE
             record = case_run.run_case(_context(store, facts, scratch, until), case)
-            self.tried = _tried(env, case, record)
+            self.tried = _tried(env, case, record, versions(facts))
             failed = [phase for phase in record.phases if phase.outcome in FAILING]
             self.seen += [_seen(phase, store) for phase in failed]
         where = next((one.phase for one in record.phases if one.outcome not in PASSING), None)
@@ -164,13 +164,17 @@ def _context(store: Store, facts: Mapping[str, Any], scratch: Path, until: Phase
     )
 
 
-def _tried(env: str, case: Case, record: CaseRecord) -> Tried:
+def _tried(env: str, case: Case, record: CaseRecord, installed: Mapping[str, str]) -> Tried:
     phases = {str(one.phase): str(one.outcome) for one in record.phases if one.outcome in REPORTED_OUTCOMES}
     failed = next((one for one in record.phases if one.outcome not in PASSING), None)
+    package = adapters.package(case.api)
+    name = f"{env} of {package} {installed[package]}" if package in installed else env
+    others = [api for api in ("gymnasium", "gym") if api in installed and case.api in {"gymnasium", "gym"} - {api}]
+    other = f"; --api {others[0]} tries that of {others[0]} {installed[others[0]]}" if others else ""
     if failed is None:
-        sentence = f"{env} was made and stepped in this environment ({', '.join(phases)} passed)"
+        sentence = f"{name} was made and stepped in this environment ({', '.join(phases)} passed){other}"
     else:
-        sentence = f"{env}: {failed.phase} {failed.outcome}: {failed.decisive or 'no line says why'}"
+        sentence = f"{name}: {failed.phase} {failed.outcome}: {failed.decisive or 'no line says why'}{other}"
     return Tried(env=env, api=case.api, phases=phases, decisive=failed.decisive if failed else None, said=sentence)
 
 

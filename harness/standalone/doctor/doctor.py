@@ -60,6 +60,7 @@ class Request(NamedTuple):
     folder: str
     rendering: bool = False
     running: Optional[str] = None
+    api: Optional[str] = None
 
 
 More = Callable[[Choice, JsonObject], Tuple[List[Finding], List[Evidence]]]
@@ -102,7 +103,8 @@ def _document(
     issues = [*(hit.signature for hit in causes), *lurks]
     remedies = environment_findings.versions_asked(issues)
     how = installer(choice.python, differences.versions(looked), here.variables)
-    near = nearest_combination.find(looked, measured, request.env, remedies, issues)
+    api = nearest_combination.spoken_api(request.env, request.api, differences.versions(looked))
+    near = nearest_combination.find(looked, measured, request.env, remedies, issues, api)
     other = None if near or request.env is None else nearest_combination.find(looked, measured, None, remedies, issues)
     return {
         "schema": 1,

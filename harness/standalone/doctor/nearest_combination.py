@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Container, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ..adapters import package
 from ..failures import matching
@@ -24,6 +24,9 @@ PYTHON, UNCOVERED, FARTHEST = 8, 20, 2
 that is here; and from how many minor versions away nothing is taken."""
 # Only this many are checked for conflicts, because each check reads the requirements of all packages again.
 MOST = 40
+FAMILY = ("gymnasium", "gym")
+"""APIs that register environments under the same ids."""
+
 FAILED = frozenset(("failed", "crashed", "timed_out"))
 
 
@@ -70,14 +73,15 @@ def find(
     env: Optional[str] = None,
     remedies: Sequence[str] = (),
     issues: Sequence[Any] = (),
+    api: Optional[str] = None,
 ) -> Optional[Candidate]:
     """Return the nearest cell, first one that breaks no unchanged package; None if nothing known is installed.
 
     One that does what `remedies` ask for is nearer. One whose own versions run into one of the `issues` (known failures
-    of what is installed here) is no answer, whatever passed there.
+    of what is installed here) is no answer, whatever passed there. `api` is the one that `env` speaks.
     """
     wanted = subjects(facts)
-    green = _green(measured, env)
+    green = _green(measured, env, api)
     near = [_near(facts, cell, lock, wanted, env) for cell, lock in green if not _shares(issues, cell, lock)]
     python = facts["python"]["version"]
     near = [one for one in near if _count_minors_apart(one.cell["python"], python) <= FARTHEST]
@@ -92,12 +96,23 @@ def find(
     )
 
 
-def _green(measured: JsonObject, env: Optional[str]) -> Iterator[Tuple[JsonObject, Dict[str, str]]]:
+def spoken_api(env: Optional[str], api: Optional[str], installed: Container[str]) -> Optional[str]:
+    """Return the API that an environment's id belongs to: the named one, that of its prefix, else gymnasium before gym.
+
+    None where neither is installed, or no environment is named.
+    """
+    if env is None or api is not None:
+        return api
+    prefix = env.partition(":")[0] if ":" in env else ""
+    return prefix if prefix in FAMILY else next((name for name in FAMILY if name in installed), None)
+
+
+def _green(measured: JsonObject, env: Optional[str], api: Optional[str]) -> Iterator[Tuple[JsonObject, Dict[str, str]]]:
     """Yield the cells that work, each with its installed versions."""
     for cell in measured.get("cells", ()):
         lock = measured["locks"].get(cell["lock"]) if cell["lock"] else None
         # A cell with repaired wheels is no answer: the suggested command would install the ones of the index.
-        if lock and is_good(cell) and not cell.get("repairs") and (env is None or _has(cell, env)):
+        if lock and is_good(cell) and not cell.get("repairs") and (env is None or _has(cell, env, api)):
             yield cell, dict(lock)
 
 
@@ -113,10 +128,12 @@ def is_good(cell: JsonObject) -> bool:
     return plainly_good(cell["verdict"], cell["unverified"])
 
 
-def _has(cell: JsonObject, env: str) -> bool:
-    """Return whether an environment was made and stepped there."""
+def _has(cell: JsonObject, env: str, api: Optional[str]) -> bool:
+    """Return whether an environment was made and stepped there; one of gym says nothing of gymnasium's."""
     return any(
-        bare_id(case["env"], case["api"]) == bare_id(env, case["api"]) and case["phases"].get("single") == "passed"
+        (case["api"] == api or case["api"] not in FAMILY or api is None)
+        and bare_id(case["env"], case["api"]) == bare_id(env, case["api"])
+        and case["phases"].get("single") == "passed"
         for case in cell["cases"]
         if case["env"]
     )
@@ -300,7 +317,8 @@ def remarks(facts: JsonObject, candidate: Candidate) -> List[str]:
     if python != there:
         sentences.append("it was measured on Python {}: nothing near was measured on {}".format(there, python))
     if candidate.uncovered:
-        sentences.append("{} was not part of that test".format(" and ".join(candidate.uncovered)))
+        verb = "was" if len(candidate.uncovered) == 1 else "were"
+        sentences.append("{} {} not part of that test".format(" and ".join(candidate.uncovered), verb))
     if candidate.cell.get("unverified"):
         sentences.append("not verified there: {}".format(", ".join(candidate.cell["unverified"])))
     settings = {**candidate.cell.get("environment", {}), **candidate.cell.get("supplied", {})}

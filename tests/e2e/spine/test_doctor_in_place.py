@@ -52,7 +52,7 @@ def test_an_environment_in_place(shelf: Desk, host: Interpreter) -> None:
 
     red = shelf.run("doctor", "--python", folder, "--env", ENV, "--json").document
 
-    error = f"{ENV}: single failed: AttributeError: module 'numpy' has no attribute 'no_such_name'"
+    error = f"{ENV} of gymnasium 1.2.3: single failed: AttributeError: module 'numpy' has no attribute 'no_such_name'"
     assert (red["decisive"], red["tried"]["phases"]) == (error, {"import": "passed", "single": "failed"})
     assert {path: path.lstat().st_mtime_ns for path in folder.rglob("*")} == before
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import msgspec
+import pytest
 from builders import measured_cell
 from facts import distribution, facts, installed
 
-from harness.standalone.doctor.nearest_combination import find, find_failure, to_dict
+from harness.standalone.doctor.nearest_combination import find, find_failure, spoken_api, to_dict
 from harness.standalone.failures import matching
 from harness.standalone.installing import PIP
 
@@ -205,3 +206,21 @@ def test_a_cell_that_is_not_plainly_good_is_never_the_nearest() -> None:
         "warning",
         "measured with these versions (m/wrong), CartPole-v1 misleads: looks elsewhere",
     )
+
+
+@pytest.mark.parametrize(
+    ("env", "api", "installed", "spoken"),
+    [
+        ("Ant-v5", None, ("gym", "gymnasium"), "gymnasium"),
+        ("Ant-v5", None, ("gym",), "gym"),
+        ("Ant-v5", "gym", ("gym", "gymnasium"), "gym"),
+        ("gym:Ant-v4", None, ("gym", "gymnasium"), "gym"),
+        ("Lift", None, ("robosuite",), None),
+        (None, None, ("gym",), None),
+    ],
+)
+def test_the_api_that_an_id_belongs_to(
+    env: str | None, api: str | None, installed: tuple[str, ...], spoken: str | None
+) -> None:
+    """The named API, that of the prefix, else gymnasium before gym."""
+    assert spoken_api(env, api, installed) == spoken
