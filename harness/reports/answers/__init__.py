@@ -5,9 +5,9 @@ __all__ = [
     "measured_cells",
     "misspelt",
     "recommended",
+    "recommended_details",
     "recommended_text",
     "recommending",
     "result_index",
     "shipped_reports",
-    "try_answer",
 ]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import msgspec
 
 from harness.model import Verdict
-from harness.reports.answers import inferring, recommending, traps
+from harness.reports.answers import inferring, recommending, traps, weighing
 from harness.reports.answers.inferring import Inferred
 from harness.reports.answers.measured_cells import (
     CellResult,
@@ -21,6 +21,7 @@ from harness.reports.answers.measured_cells import (
 from harness.reports.answers.never_together import Apart, find_apart, installed_releases
 from harness.reports.answers.recommending import Combination
 from harness.reports.answers.traps import Red
+from harness.reports.answers.weighing import Weighed
 
 
 class Nearby(msgspec.Struct, frozen=True, kw_only=True):
@@ -43,10 +44,10 @@ class Recommended(msgspec.Struct, frozen=True, kw_only=True):
     """The document of `recommend --json`: measured combinations, inferred ones, and those that do not work.
 
     `found` is the number of combinations that work, `measured` has the newest of them. Those in `doubtful` work, too,
-    but a silent known issue fits them that no check has shown or refuted. In `partly` only some environments work.
-    `apart` is set if the packages were never measured together. `unknown` are packages without any measurement,
-    `installed` releases that were only in locks and never run. `next` is a command that would measure what was asked
-    for.
+    but a silent known issue fits them that no check has shown or refuted. `weighed` says why the first one is first. In
+    `partly` only some environments work. `apart` is set if the packages were never measured together. `unknown` are
+    packages without any measurement, `installed` releases that were only in locks and never run. `next` is a command
+    that would measure what was asked for.
     """
 
     schema: int = 1
@@ -55,6 +56,7 @@ class Recommended(msgspec.Struct, frozen=True, kw_only=True):
     needs: tuple[str, ...]
     env: str | None
     found: int
+    weighed: Weighed | None = None
     measured: tuple[Combination, ...]
     doubtful: tuple[Combination, ...]
     partly: tuple[Partly, ...]
@@ -72,9 +74,8 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
     """Return everything that the measured cells say about a question; `limit` bounds the lists of combinations."""
     combinations = recommending.combinations(cells, query)
     # The sort is stable: among equals the newest stays first.
-    combinations.sort(
-        key=lambda combination: bool(combination.repaired or combination.brought)
-    )  # what anybody can install goes first
+    # What anybody can install goes first, what has no lock last.
+    combinations.sort(key=lambda one: (bool(one.source), bool(one.repaired or one.brought)))
     together = None if combinations else find_apart(cells, query)
     never_run = [name for name in query.names if not any(name in one.about for one in cells)]
     return Recommended(
@@ -83,6 +84,7 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
         needs=tuple(query.needs),
         env=query.env,
         found=len(combinations),
+        weighed=weighing.weigh(cells, combinations),
         measured=tuple(combinations[:limit]),
         doubtful=tuple(_doubtful(cells, query, combinations)[:limit]),
         partly=() if combinations else tuple(_partly(cells, query)[:limit]),
@@ -116,7 +118,7 @@ def _partly(cells: Sequence[CellResult], query: Query) -> list[Partly]:
     fits = [one for one in fits if some_work(one)]
     entries = []
     for versions, results in recommending.group_results(fits, query):
-        best = max(results, key=lambda result: sum(map(case_works, result.cell.cases)))
+        best = max(results, key=lambda result: (not result.unlocked, sum(map(case_works, result.cell.cases))))
         entries.append(
             Partly(
                 combination=recommending.combination(versions, [best]),
@@ -141,7 +143,9 @@ def _newer(cells: Sequence[CellResult], query: Query, combinations: Sequence[Com
     newest = recommending.newness(best.versions.values())
     if newest <= recommending.newness(combinations[0].versions.values()):
         return []
-    measured = any(tuple(one.version(name) for name in query.names) == tuple(best.versions.values()) for one in seen)
+    # A row of a table has other packages that are not known, so its failure says nothing of the best cell.
+    whole = [one for one in seen if one.pins or one.cell.good]
+    measured = any(tuple(one.version(name) for name in query.names) == tuple(best.versions.values()) for one in whole)
     return [] if measured else [best]
 
 
