@@ -84,7 +84,8 @@ def main(args: argparse.Namespace) -> int:
 
 def _lines(answer: Recommended, args: argparse.Namespace, measured: Measured, cells: Sequence[CellResult]) -> list[str]:
     """Return the answer in words."""
-    names = {name for one in cells for name in one.about}
+    # Only the names of unknown packages are compared with all others.
+    names = {name for one in cells for name in one.about} if answer.unknown else set()
     width = shutil.get_terminal_size().columns
     tool = args.format if args.format in COMMANDS else install_commands.PIP
     lines = recommended_text.lines(answer, measured.machines, names, width, tool, whole=args.all)

@@ -19,10 +19,13 @@ from harness.model import Outcome, Phase, Verdict
 from harness.model.measured import Measured, MeasuredCell
 from harness.model.report_types import CaseEntry
 from harness.model.vocabulary import parsed_requirement, required_name
-from harness.standalone.keys import MODULES, SIMULATORS
+from harness.standalone.keys import MODULES, SIMULATORS, weight
 
 RAN = {"interop.sb3.": "stable-baselines3", "interop.torchrl.": "torchrl"}
 """Checks that run a package which no environment is of, by the beginning of their names."""
+
+OFTEN_HELD = {"setuptools", "importlib-metadata", "pymunk", "cython"}
+"""Packages without a simulation whose newer releases broke older ones of others."""
 
 IDLE = {Outcome.SKIPPED, Outcome.NOT_REACHED, Outcome.UNAVAILABLE}
 WAYS = "MUJOCO_GL"
@@ -68,15 +71,40 @@ class Query:
         return tuple(one.name for one in self.wanted)
 
 
+class NewestReleases:
+    """The newest version of each deciding package in the locks of cells of one Python."""
+
+    def __init__(self, measured: Measured) -> None:
+        self._measured = measured
+        self._by_minor: dict[str, dict[str, Version]] = {}
+
+    def of(self, minor: str) -> dict[str, Version]:
+        """Return the newest versions by package; `minor` is such as `3.11`."""
+        if minor not in self._by_minor:
+            locks = {one.lock for one in self._measured.cells if (one.python or "").startswith(f"{minor}.")}
+            pins = {pin for lock in locks if lock for pin in self._measured.locks[lock] if decides(pin[0])}
+            newest: dict[str, Version] = {}
+            for name, version in pins:
+                newest[name] = max(Version(version), newest.get(name, Version("0")))
+            self._by_minor[minor] = newest
+        return self._by_minor[minor]
+
+
+def decides(name: str) -> bool:
+    """Return whether the version of a package often decides if something runs."""
+    return weight(name) > 0 or name in OFTEN_HELD
+
+
 @dataclass(frozen=True, kw_only=True)
 class CellResult:
     """A measured cell with the versions in its lock; without a lock, the versions that the cell asks for count.
 
-    `parts` are results of one environment that this one joins.
+    `parts` are results of one environment that this one joins. `newest` are the releases that other cells have.
     """
 
     cell: MeasuredCell
     measured: Measured
+    newest: NewestReleases
     parts: tuple[CellResult, ...] = ()
 
     @cached_property
@@ -131,6 +159,11 @@ class CellResult:
         """Return whether the cell comes from a table: its lock was not kept."""
         return bool(self.cell.source)
 
+    @property
+    def ran_unlocked(self) -> bool:
+        """Return whether everything that was tried works, in a cell whose lock was not kept."""
+        return self.cell.good and self.unlocked
+
     @cached_property
     def named(self) -> frozenset[str]:
         """Return the packages that the matrix asks for by name."""
@@ -165,6 +198,16 @@ class CellResult:
         checks = {name for case in self.cell.cases for name, how in case.checks.items() if how not in IDLE}
         return {package for start, package in RAN.items() if any(name.startswith(start) for name in checks)}
 
+    @cached_property
+    def held_back(self) -> frozenset[str]:
+        """Return the deciding packages that its cases ran in an older release than other cells of the same Python.
+
+        Something kept them back that its requirements do not show, such as a constraint of the matrix.
+        """
+        newest = self.newest.of(self.minor)
+        mine = {name for name in self.exercised if name in newest and name in self.pins}
+        return frozenset(name for name in mine if Version(self.pins[name]) < newest[name])
+
     @property
     def reason(self) -> str | None:
         """Return the reason that the matrix gives for the result that it expects."""
@@ -175,7 +218,7 @@ class CellResult:
         """Return whether a matrix brought all environments of the cell (`gym:module:function`) itself."""
         return all((case.env or "").count(":") > 1 for case in self.cell.cases) and bool(self.cell.cases)
 
-    @property
+    @cached_property
     def about(self) -> frozenset[str]:
         """Return the packages that a red cell says something about: those it names or ran."""
         return self.named | self.exercised
@@ -188,7 +231,8 @@ class CellResult:
 
 def read(measured: Measured) -> list[CellResult]:
     """Return the cells of a document, each with the versions in its lock."""
-    return [CellResult(cell=cell, measured=measured) for cell in measured.cells]
+    newest = NewestReleases(measured)
+    return [CellResult(cell=cell, measured=measured, newest=newest) for cell in measured.cells]
 
 
 # --- what fits -------------------------------------------------------------------------------------------------
@@ -230,7 +274,7 @@ def works(result: CellResult, query: Query) -> bool:
 
     For a question about one environment, it is enough that this environment works.
     """
-    good = result.works or (result.unlocked and result.cell.good)
+    good = result.works or result.ran_unlocked
     if query.env is None or good or result.cell.verdict is not Verdict.PARTIAL:
         return good
     cases = [case for case in result.cell.cases if names_env(case, query.env)]

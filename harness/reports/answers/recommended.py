@@ -72,19 +72,22 @@ class Recommended(msgspec.Struct, frozen=True, kw_only=True):
 
 def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: str) -> Recommended:
     """Return everything that the measured cells say about a question; `limit` bounds the lists of combinations."""
+    every = cells
+    # Whatever is found has all the packages, and most cells have not.
+    cells = [one for one in every if all(one.version(name) for name in query.names)]
     combinations = recommending.combinations(cells, query)
     # The sort is stable: among equals the newest stays first.
     # What anybody can install goes first, what has no lock last.
     combinations.sort(key=lambda one: (bool(one.source), bool(one.repaired or one.brought)))
-    together = None if combinations else find_apart(cells, query)
-    never_run = [name for name in query.names if not any(name in one.about for one in cells)]
+    together = None if combinations else find_apart(every, query)
+    never_run = [name for name in query.names if not any(name in one.about for one in every if one.version(name))]
     return Recommended(
         asked=tuple(one.text for one in query.wanted),
         python=query.python,
         needs=tuple(query.needs),
         env=query.env,
         found=len(combinations),
-        weighed=weighing.weigh(cells, combinations),
+        weighed=weighing.weigh(every, combinations, query),
         measured=tuple(combinations[:limit]),
         doubtful=tuple(_doubtful(cells, query, combinations)[:limit]),
         partly=() if combinations else tuple(_partly(cells, query)[:limit]),
@@ -93,8 +96,8 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
         inferred=() if combinations else tuple(inferring.infer(cells, query)[:limit]),
         red=tuple(traps.find_traps(cells, query)),
         nearby=None if combinations or together else _nearby(cells, query, limit),
-        unknown=tuple(name for name in query.names if not any(one.version(name) for one in cells)),
-        installed={name: releases for name in never_run if (releases := installed_releases(cells, name))},
+        unknown=tuple(name for name in query.names if not any(one.version(name) for one in every)),
+        installed={name: releases for name in never_run if (releases := installed_releases(every, name))},
         next=next_,
     )
 

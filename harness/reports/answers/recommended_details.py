@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from harness.model import CASE_PHASES
 from harness.model.report_types import format_count
 from harness.reports.answers import recommended_text as text
 from harness.reports.answers.recommended import Partly, Recommended
@@ -36,7 +37,8 @@ def _combinations(answer: Recommended, machines: Mapping[str, Any], tool: str) -
 
 
 def _details(combination: Combination, machines: Mapping[str, Any]) -> Iterator[str]:
-    yield f"passed {', '.join(text.passed(combination))} in {', '.join(combination.environments)}"
+    passed = ", ".join(phase for phase in CASE_PHASES if combination.phases.get(phase) == "passed")
+    yield f"passed {passed} in {', '.join(combination.environments)}"
     if combination.unverified:
         yield f"not verified: {', '.join(combination.unverified)}"
     where = "; ".join(text.machine_words(name, machines) for name in combination.machines)

@@ -7,9 +7,7 @@ import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from harness.model import CASE_PHASES
 from harness.model.report_types import first_few, format_count, word
-from harness.model.schema import suggestion
 from harness.reports.answers.never_together import Apart, Half
 from harness.reports.answers.recommended import Partly, Recommended
 from harness.reports.answers.recommending import Combination
@@ -17,15 +15,12 @@ from harness.reports.answers.traps import Red
 from harness.reports.answers.weighing import Neighbour, Weighed
 from harness.reports.install_texts import install_commands
 from harness.reports.past_results import table_files
-from harness.standalone.keys import SIMULATORS
+from harness.standalone.keys import SIMULATORS, weight
 
 FEW = 3
 SHOWN = 5
 ROWS = 3
 """Rows of a terminal that a trap may take."""
-
-LEAST = 0.6
-"""Share of an advice that has to fit beside the command that opens the trap."""
 
 SPACE = "\xa0"
 """Stands between the words of a command, where no line may be broken."""
@@ -61,12 +56,13 @@ def first_line(answer: Recommended, tool: str) -> str:
     if answer.apart:
         command = try_command(answer.apart.requirements, answer.apart.python, answer.env)
         return f"{command}  # never measured together"
-    return f"{answer.next}  # {'never measured' if answer.unknown or answer.installed else 'nothing that was measured works'}"
+    return f"{answer.next}  # {'nothing that was measured works' if answer.red else 'never measured'}"
 
 
 def wrap_line(text: str, width: int) -> list[str]:
     """Wrap a line at spaces; lines meant for copying are never broken, nor are the commands of a sentence."""
-    if len(text) <= width or "  # Python" in text or text.lstrip().startswith(("simmatrix ", "uv ")):
+    command = text.lstrip().startswith(("simmatrix ", "uv ")) or "  # Python" in text or " " not in text.strip(" ")
+    if len(text) <= width or command:
         return [text.replace(SPACE, " ")]
     indent = " " * (len(text) - len(text.lstrip(" ")) + 2)
     rows = textwrap.wrap(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
@@ -95,7 +91,7 @@ def count_rest(answer: Recommended) -> str:
 def _why(answer: Recommended, machines: Mapping[str, Any], tool: str) -> Iterator[str]:
     if answer.measured and answer.weighed:
         first = answer.measured[0]
-        yield weighed_words(answer.weighed, first, answer.python)
+        yield weighed_words(answer.weighed, first, answer)
         yield from list(_second(answer))[:1]
         yield evidence(first, machines)
         return
@@ -114,24 +110,22 @@ def _why(answer: Recommended, machines: Mapping[str, Any], tool: str) -> Iterato
         yield f"{answer.nearby.where}: {install_commands.command(answer.nearby.combinations[0], tool)}"
 
 
-def weighed_words(weighed: Weighed, first: Combination, python: str | None) -> str:
+def weighed_words(weighed: Weighed, first: Combination, answer: Recommended) -> str:
     """Return in one sentence what was weighed for a combination."""
+    python = answer.python
     on = f" on Python {python}" if python else ""
-    tasks = f"{format_count(weighed.tasks, 'task')} passed {', '.join(passed(first))}" if weighed.tasks else ""
+    which = answer.env or format_count(weighed.tasks, "task")
+    tasks = f"{which} passed {', '.join(weighed.passed)}" if weighed.tasks and weighed.passed else ""
     if first.source:
         rank = f"ran without an error{on}"
     elif weighed.works == 1:
         rank = f"the only combination measured to work{on}"
     else:
         rank = f"newest of {weighed.works} that work{on}"
-        rank += "" if weighed.newest else " and that an index has whole"
+        if weighed.newer:
+            rank = f"newest of {weighed.works} that work{on}, but for {versions_words(weighed.newer)} ({weighed.why})"
     where = "" if python else f" on Python {', '.join(weighed.pythons)}"
     return f"{rank}: {tasks}{where}" if tasks else f"{rank}{where}"
-
-
-def passed(combination: Combination) -> list[str]:
-    """Return the phases that all environments of a combination passed."""
-    return [str(phase) for phase in CASE_PHASES if combination.phases.get(phase) == "passed"]
 
 
 def _second(answer: Recommended) -> Iterator[str]:
@@ -190,6 +184,8 @@ def half(one: Half) -> str:
 
 def _unknown(answer: Recommended, names: Iterable[str]) -> Iterator[str]:
     for name in answer.unknown:
+        from harness.model.schema import suggestion  # noqa: PLC0415 - start-up
+
         yield f"{name}: nothing was measured with it{suggestion(name, names).partition('; valid')[0]}"
     for name, releases in answer.installed.items():
         yield f"{name} was installed with other packages, never run: {first_few(releases, SHOWN)}"
@@ -230,31 +226,34 @@ def _failing_tasks(part: Partly, width: int) -> Iterator[list[str]]:
     how = "misleads" if part.verdict == "misleads" else "fails"
     opened = unbroken("simmatrix", "show", part.combination.cell)
     for name, why in part.fails.items():
-        yield _block(f"{how}: {name}: {why}", "leave it out", opened, width)
+        yield _block(f"{how}: {name}: {why}", "", opened, width)
 
 
 def _block(text: str, do: str, opened: str, width: int) -> list[str]:
     """Return a trap in a few rows: what fails, then what to do and the command that opens it, both shortened."""
-    short = shorten(do, max(width - len(f"    do: ; {opened}"), 1)) if do else ""
-    # A few words of a sentence help nobody; the command shows it whole.
-    actions = wrap_line(f"    {f'do: {short}; ' if len(short) > LEAST * len(do) else ''}{opened}", width)
+    together = f"    {f'do: {do}; ' if do else ''}{opened}"
+    # Where both do not fit, each has a row of its own, and the failure is cut to one.
+    fits = not do or len(together) <= width
+    actions = [together] if fits else ["    " + shorten(f"do: {do}", width - 4), f"    {opened}"]
     rows = wrap_line(f"  {text}", width)
-    most = max(ROWS - len(actions), 1)
+    most = ROWS - len(actions)
     if len(rows) > most:
-        rows = [*rows[: most - 1], " " * (4 if most > 1 else 2) + shorten(" ".join(rows[most - 1 :]).strip(), width - 4)]
-    return [*rows, *actions]
+        last = shorten(" ".join(rows[most - 1 :]), width - 4)
+        rows = [*rows[: most - 1], f"{' ' * (4 if most > 1 else 2)}{last}"]
+    return [*rows, *(action.replace(SPACE, " ") for action in actions)]
 
 
 def shorten(text: str, width: int) -> str:
     """Return a text cut at a space where it is too long."""
-    return textwrap.shorten(text, width, placeholder=" ...")
+    return textwrap.shorten(text, max(width, 10), placeholder=" ...")
 
 
 def describe_trap(trap: Red) -> str:
     """Return what fails: versions, what decides, the tasks, and the line that says why."""
     more = f" and {len(trap.versions) - 1} more" if len(trap.versions) > 1 else ""
     named = trap.deciding or ({} if trap.elsewhere else trap.beside)
-    deciding = [f"{name} {' or '.join(held[:FEW])}" for name, held in named.items()]
+    first = sorted(named, key=lambda name: -weight(name))[:FEW]
+    deciding = [f"{name} {' or '.join(named[name][:FEW])}" for name in first]
     what = f"{versions_words(trap.versions[0])}{more}" + (f" with {', '.join(deciding)}" if deciding else "")
     what += "" if "Python" in trap.deciding else f" on Python {', '.join(trap.pythons[:FEW])}"
     how = " or ".join(word(verdict) for verdict in trap.verdicts)
@@ -272,7 +271,8 @@ def advice(trap: Red) -> str:
     """Return what to do about a trap; empty if nothing is known to help."""
     change = ", ".join(f"{name} {value}" for name, value in trap.instead.items())
     if trap.remedy:
-        return trap.remedy[0].lower() + trap.remedy[1:]
+        python = "use " if trap.remedy.startswith("Python") else ""
+        return python + (trap.remedy if python else trap.remedy[0].lower() + trap.remedy[1:])
     return f"take {change}" if change else "" if trap.elsewhere else "take the versions above"
 
 

@@ -21,6 +21,10 @@ from packaging.version import Version
 from harness.model import CASE_PHASES, Outcome, Phase
 from harness.model.vocabulary import settings
 from harness.reports.answers.measured_cells import CellResult, Query, find_good, find_unlocked
+from harness.standalone.keys import weight
+
+HEAVY = 4
+"""The weight from which a package is pinned wherever a lock has it: a simulator, or what simulators are made with."""
 
 NUMPY = "numpy"
 """The package of the arrays that all others pass around: its version is never left open."""
@@ -96,7 +100,7 @@ def _join(results: Sequence[CellResult]) -> CellResult:
     requirements = tuple(dict.fromkeys(text for one in results for text in one.cell.requirements))
     axes = {name: value for one in (*results, best) for name, value in one.cell.axes.items()}
     cell = msgspec.structs.replace(best.cell, cases=noted, requirements=requirements, axes=axes)
-    return CellResult(cell=cell, measured=best.measured, parts=tuple(results))
+    return CellResult(cell=cell, measured=best.measured, newest=best.newest, parts=tuple(results))
 
 
 def merge_results(results: Iterable[CellResult], query: Query, limit: int | None = None) -> list[Combination]:
@@ -159,13 +163,16 @@ def combination(versions: dict[str, str], results: Sequence[CellResult]) -> Comb
 def pin_requirements(result: CellResult, packages: Iterable[str]) -> Iterator[str]:
     """Yield the requirements to install for a cell.
 
-    These are the packages asked for, the others that the cell names, and the numpy that they share, all pinned. A
-    requirement of a table whose version was not kept stays as it was typed.
+    These are the packages asked for, the others that the cell names, simulators and frameworks of its lock, packages
+    that are held back, and the numpy that they share, all pinned. A requirement of a table whose version was not kept
+    stays as it was typed.
     """
     extras: dict[str, set[str]] = {}
     for each in result.requirements:
         extras.setdefault(canonicalize_name(each.name), set()).update(each.extras)
-    for name in dict.fromkeys((*packages, *extras, *result.chosen, *({NUMPY} & result.exercised))):
+    heavy = {name for name in result.pins if weight(name) >= HEAVY}
+    others = {*heavy, *result.held_back, *({NUMPY} & result.exercised), *(result.versions if result.unlocked else ())}
+    for name in dict.fromkeys((*packages, *extras, *result.chosen, *sorted(others))):
         version = result.version(name)
         if version:
             extra = f"[{','.join(sorted(extras[name]))}]" if extras.get(name) else ""

@@ -6,7 +6,7 @@ Versions that work elsewhere are no trap by themselves. Then the difference betw
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import msgspec
@@ -78,7 +78,9 @@ def find_traps(cells: Sequence[CellResult], query: Query) -> list[Red]:
     reds = [one for one in reds if not NO_RELEASE.search(one.cell.decisive or "")]
     anywhere = Query(wanted=query.wanted, env=query.env)
     twins = find_good(cells, anywhere) or find_unlocked(cells, anywhere) or [one for one in matches if some_work(one)]
-    together = {_query_versions(one, query) for one in twins}
+    together: dict[tuple[str, ...], list[CellResult]] = {}
+    for one in twins:
+        together.setdefault(_query_versions(one, query), []).append(one)
     halves = [
         part
         for found in _by_cause(reds)
@@ -88,7 +90,7 @@ def find_traps(cells: Sequence[CellResult], query: Query) -> list[Red]:
         )
         if part
     ]
-    return sorted((_red(found, query, twins) for found in halves), key=_weight, reverse=True)
+    return sorted((_red(found, query, together) for found in halves), key=_weight, reverse=True)
 
 
 def _weight(trap: Red) -> tuple[Any, ...]:
@@ -107,8 +109,7 @@ def _by_cause(reds: Sequence[CellResult]) -> list[list[CellResult]]:
     for cell_result in reds:
         reasons.setdefault(_line(cell_result), set()).update(filter(None, [cell_result.reason]))
     groups: dict[tuple[Any, ...], list[CellResult]] = {}
-    # Cells with a reason come first, because `_red` takes reason and link from the first cell of a group.
-    for cell_result in sorted(reds, key=lambda result: not result.reason):
+    for cell_result in reds:
         elsewhere = reasons[_line(cell_result)] if len(reasons[_line(cell_result)]) == 1 else ()
         cause = cell_result.cell.causes or cell_result.reason or next(iter(elsewhere), None) or _line(cell_result)
         # A table says less than a report does, so its rows stay apart.
@@ -122,11 +123,13 @@ def _line(result: CellResult) -> tuple[str | None, str]:
 
 
 def _query_versions(result: CellResult, query: Query) -> tuple[str, ...]:
-    return tuple(str(result.version(name)) for name in query.names)
+    return tuple([str(result.version(one.name)) for one in query.wanted])
 
 
-def _red(results: Sequence[CellResult], query: Query, twins: Sequence[CellResult]) -> Red:
+def _red(found: Sequence[CellResult], query: Query, twins: Mapping[tuple[str, ...], Sequence[CellResult]]) -> Red:
+    results = sorted(found, key=lambda one: newness(_query_versions(one, query)), reverse=True)
     cell = results[0].cell
+    explained = next((one for one in found if one.reason), results[0])
     held = {_query_versions(one, query) for one in results}
     nearest = _nearest(results, query, twins)
     failing = {name: None for one in results for name in _failing(one, query)}
@@ -139,8 +142,8 @@ def _red(results: Sequence[CellResult], query: Query, twins: Sequence[CellResult
         phase=cell.phase,
         causes=cell.causes,
         line=cell.decisive,
-        reason=results[0].reason,
-        link=cell.expectation.link if cell.expectation else None,
+        reason=explained.reason,
+        link=explained.cell.expectation.link if explained.cell.expectation else None,
         cells=tuple(one.cell.id for one in results),
         measured=max(one.cell.measured for one in results),
         tasks=tuple(failing),
@@ -179,11 +182,13 @@ class Difference(NamedTuple):
     values: dict[str, str]
 
 
-def _nearest(results: Sequence[CellResult], query: Query, twins: Sequence[CellResult]) -> list[Difference]:
+def _nearest(
+    results: Iterable[CellResult], query: Query, twins: Mapping[tuple[str, ...], Sequence[CellResult]]
+) -> list[Difference]:
     """Return the differences of red cells from their nearest green twins; those without a twin are left out."""
     found = []
     for result in results:
-        alike = [twin for twin in twins if _query_versions(twin, query) == _query_versions(result, query)]
+        alike = twins.get(_query_versions(result, query), ())
         differences = (Difference(result, twin, _difference(result, twin, query.names)) for twin in alike)
         nearest = min(differences, key=lambda each: len(each.values), default=None)
         found += [nearest] if nearest else []

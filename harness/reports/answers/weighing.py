@@ -7,7 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import msgspec
 from packaging.version import Version
 
-from harness.reports.answers.measured_cells import CellResult
+from harness.model import CASE_PHASES, Outcome
+from harness.reports.answers.measured_cells import CellResult, Query, names_env
 from harness.reports.answers.recommending import Combination, newness
 
 MORE_TASKS = 2
@@ -38,32 +39,58 @@ class Thorough(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Weighed(msgspec.Struct, frozen=True, kw_only=True):
-    """What was weighed for the first of so many combinations that work; `newest` is whether none of them is newer.
+    """What was weighed for the first of so many combinations that work.
 
-    `tasks` is the number of environments run with it.
+    `newer` are the versions of a newer one, and `why` says what keeps it from being the first. `tasks` is the number of
+    environments run with the first, and `passed` are the phases that all of them passed; if one is asked for, it alone
+    counts.
     """
 
     works: int
-    newest: bool
+    newer: dict[str, str]
+    why: str
     tasks: int
+    passed: tuple[str, ...]
     pythons: tuple[str, ...]
     behaves: tuple[Neighbour, ...]
     thorough: Thorough | None
 
 
-def weigh(cells: Sequence[CellResult], found: Sequence[Combination]) -> Weighed | None:
+def weigh(cells: Sequence[CellResult], found: Sequence[Combination], query: Query) -> Weighed | None:
     """Return what was weighed for the first of these combinations; None if there is none."""
     if not found:
         return None
-    first = found[0]
+    first, newest = found[0], max(found, key=lambda one: newness(one.versions.values()))
     return Weighed(
         works=len(found),
-        newest=newness(first.versions.values()) == max(newness(one.versions.values()) for one in found),
-        tasks=len(first.environments),
+        newer=newest.versions if newest.versions != first.versions else {},
+        why=_why(newest) if newest.versions != first.versions else "",
+        tasks=1 if query.env else len(first.environments),
+        passed=_passed(cells, first, query),
         pythons=minors(first.pythons),
         behaves=tuple(_neighbours(cells, first.versions)),
-        thorough=_thorough(found),
+        thorough=_thorough(found, query),
     )
+
+
+def _passed(cells: Iterable[CellResult], first: Combination, query: Query) -> tuple[str, ...]:
+    """Return the phases that passed in the environment asked for, or in all of the cell."""
+    cell = next(one.cell for one in cells if (one.cell.id, one.cell.machine) == (first.cell, first.machine))
+    asked = [case.phases for case in cell.cases if query.env and names_env(case, query.env)]
+    return tuple(
+        str(phase)
+        for phase in CASE_PHASES
+        if all(phases.get(phase) is Outcome.PASSED for phases in asked or [first.phases])
+    )
+
+
+def _why(newest: Combination) -> str:
+    """Return what keeps a combination from being the first, though it is the newest."""
+    if newest.source:
+        return "its lock was not kept"
+    if newest.repaired:
+        return f"needs {', '.join(newest.repaired)} as a patched wheel"
+    return f"needs {', '.join(newest.brought)}, which no index has"
 
 
 def minors(pythons: Iterable[str]) -> tuple[str, ...]:
@@ -72,10 +99,10 @@ def minors(pythons: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(names, key=Version, reverse=True))
 
 
-def _thorough(found: Sequence[Combination]) -> Thorough | None:
+def _thorough(found: Sequence[Combination], query: Query) -> Thorough | None:
     """Return the combination with the most tasks if it has many more than the first one."""
     most = max(found, key=lambda one: len(one.environments))
-    if len(most.environments) < MORE_TASKS * max(len(found[0].environments), 1):
+    if query.env or len(most.environments) < MORE_TASKS * max(len(found[0].environments), 1):
         return None
     return Thorough(versions=most.versions, tasks=len(most.environments), pythons=minors(most.pythons))
 

@@ -16,6 +16,7 @@ from packaging.utils import canonicalize_name
 
 from harness.reports.answers.recommending import Combination, public_version
 from harness.reports.install_texts.install_commands import VIRTUAL, minor, variables
+from harness.running.lock_files import WHEELS
 
 PIN = re.compile(r"^([\w.-]+)==(\S+)", re.MULTILINE)
 CODENAME = re.compile(r"Debian GNU/Linux \S+ \((\w+)\)")
@@ -103,8 +104,12 @@ def _apt(packages: list[str]) -> Iterator[str]:
 def _pip(combination: Combination, lock: Path | None) -> Iterator[str]:
     if lock:
         yield f"COPY {json.dumps([lock.name, '/tmp/'])}"
+        links = f"/tmp/{lock.stem}{WHEELS}"
+        if combination.repaired:
+            yield f"COPY {json.dumps([f'{lock.stem}{WHEELS}', links])}"
+        found = f" --find-links {shlex.quote(links)}" if combination.repaired else ""
         # Every package is in the lock: what it declares to need was resolved when it was measured.
-        yield f"RUN pip install --no-cache-dir --no-deps --require-hashes -r {shlex.quote(f'/tmp/{lock.name}')}"
+        yield f"RUN pip install --no-cache-dir --no-deps --require-hashes{found} -r {shlex.quote(f'/tmp/{lock.name}')}"
         return
     yield "RUN pip install --no-cache-dir \\"
     yield " \\\n".join(f"    {shlex.quote(text)}" for text in _all_pins(combination))

@@ -31,7 +31,7 @@ def _lock_command(combination: Combination) -> str:
 
 def _notes(combination: Combination) -> Iterator[str]:
     yield f"Python {minor(combination)}"
-    yield from (f"{name}={value}" for name, value in variables(combination).items())
+    yield from (f"{name}={value}" if value else f"{name} unset" for name, value in variables(combination).items())
     if VIRTUAL in combination.settings.items():
         # `virtual` is our own word for a display and nothing that a person could set.
         yield "a display"
