@@ -32,8 +32,8 @@ def _combinations(answer: Recommended, machines: Mapping[str, Any], tool: str) -
     if answer.weighed and answer.weighed.behaves:
         yield ""
         yield "behaviour"
-    for one in answer.weighed.behaves if answer.weighed else ():
-        yield f"  {text.behaviour_words(one)}: {text.unbroken('simmatrix', 'show', one.cell)}"
+    for each in answer.weighed.behaves if answer.weighed else ():
+        yield f"  {text.behaviour_words(each)}: {text.unbroken('simmatrix', 'show', each.cell)}"
 
 
 def _details(combination: Combination, machines: Mapping[str, Any]) -> Iterator[str]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import shlex
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from harness.model.report_types import first_few, format_count, word
-from harness.reports.answers.never_together import Apart, Half
+from harness.reports.answers.never_together import Half
 from harness.reports.answers.recommended import Partly, Recommended
 from harness.reports.answers.recommending import Combination
 from harness.reports.answers.traps import Red
@@ -29,7 +29,7 @@ SPACE = "\xa0"
 def lines(
     answer: Recommended, machines: Mapping[str, Any], names: Iterable[str], width: int, tool: str, *, whole: bool
 ) -> list[str]:
-    """Return the short answer as wrapped lines: the command, why, and traps; with `whole` the rest follows elsewhere."""
+    """Return the short answer as wrapped lines: the command, why, and traps; with `whole` the rest follows."""
     reasons = [*_unknown(answer, names), *_why(answer, machines, tool)]
     traps = list(_trap_blocks(answer, width))
     more = count_rest(answer)
@@ -170,15 +170,15 @@ def doubt(combination: Combination) -> Iterator[str]:
     yield f"measured {combination.measured[:10]}: {unbroken('simmatrix', 'show', combination.cell)}"
 
 
-def half(one: Half) -> str:
+def half(part: Half) -> str:
     """Return what was measured of one part of the packages."""
-    names = " with ".join(one.packages)
-    if one.combination:
-        shown = " ".join(one.combination.requirements)
-        opened = unbroken("simmatrix", "show", one.combination.cell)
-        return f"{names} alone works: {shown} on Python {install_commands.minor(one.combination)}: {opened}"
-    if one.installed:
-        return f"{one.packages[0]} was installed too, never run: {', '.join(one.installed[:SHOWN])}"
+    names = " with ".join(part.packages)
+    if part.combination:
+        shown = " ".join(part.combination.requirements)
+        opened = unbroken("simmatrix", "show", part.combination.cell)
+        return f"{names} alone works: {shown} on Python {install_commands.minor(part.combination)}: {opened}"
+    if part.installed:
+        return f"{part.packages[0]} was installed too, never run: {', '.join(part.installed[:SHOWN])}"
     return f"{names}: nothing measured is good"
 
 
@@ -195,7 +195,7 @@ def _unknown(answer: Recommended, names: Iterable[str]) -> Iterator[str]:
 
 
 def select_traps(answer: Recommended) -> list[Red]:
-    """Return the traps to show, each known issue once; what fails in a combination that works in part is shown there."""
+    """Return the traps to show, each known issue once, without failures of the combination that works in part."""
     listed = {part.combination.cell for part in answer.partly[:1]}
     shown: set[str] = set()
     selected = []
@@ -215,8 +215,8 @@ def _trap_blocks(answer: Recommended, width: int) -> Iterator[list[str]]:
         yield _block(f"{works}, and was never measured as a whole on {answer.python}", "", command, width)
     if answer.measured:
         for combination in answer.doubtful[:1]:
-            said, opened = doubt(combination)
-            yield _block(f"{versions_words(combination.versions)}: {said}", "", opened, width)
+            why, opened = doubt(combination)
+            yield _block(f"{versions_words(combination.versions)}: {why}", "", opened, width)
     for part in [] if answer.apart else answer.partly[:1]:
         yield from _failing_tasks(part, width)
     yield from (_block(describe_trap(trap), advice(trap), opener(trap), width) for trap in select_traps(answer))

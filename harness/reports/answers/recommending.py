@@ -82,9 +82,9 @@ def combinations(cells: Iterable[CellResult], query: Query, limit: int | None = 
 def join_by_lock(cells: Iterable[CellResult]) -> list[CellResult]:
     """Return a result for each environment whose working cells ran more packages together than any of them alone."""
     environments: dict[Any, list[CellResult]] = {}
-    for one in cells:
-        if one.works:
-            environments.setdefault(_environment(one), []).append(one)
+    for result in cells:
+        if result.works:
+            environments.setdefault(_environment(result), []).append(result)
     several = (alike for alike in environments.values() if len(alike) > 1)
     joined = (_join(alike) for alike in several if len({one.exercised for one in alike}) > 1)
     return [one for one in joined if all(one.exercised > part.exercised for part in one.parts)]

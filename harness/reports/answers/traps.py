@@ -79,8 +79,8 @@ def find_traps(cells: Sequence[CellResult], query: Query) -> list[Red]:
     anywhere = Query(wanted=query.wanted, env=query.env)
     twins = find_good(cells, anywhere) or find_unlocked(cells, anywhere) or [one for one in matches if some_work(one)]
     together: dict[tuple[str, ...], list[CellResult]] = {}
-    for one in twins:
-        together.setdefault(_query_versions(one, query), []).append(one)
+    for twin in twins:
+        together.setdefault(_query_versions(twin, query), []).append(twin)
     halves = [
         part
         for found in _by_cause(reds)
@@ -100,7 +100,14 @@ def _weight(trap: Red) -> tuple[Any, ...]:
     """
     others = {*trap.deciding, *([] if trap.deciding else trap.beside)} - {"Python"}
     first, *rest = newness(trap.versions[0].values())
-    return first, not (trap.elsewhere and not trap.deciding), not others, not trap.deciding, tuple(rest), not trap.source
+    return (
+        first,
+        not (trap.elsewhere and not trap.deciding),
+        not others,
+        not trap.deciding,
+        tuple(rest),
+        not trap.source,
+    )
 
 
 def _by_cause(reds: Sequence[CellResult]) -> list[list[CellResult]]:
@@ -126,10 +133,10 @@ def _query_versions(result: CellResult, query: Query) -> tuple[str, ...]:
     return tuple([str(result.version(one.name)) for one in query.wanted])
 
 
-def _red(found: Sequence[CellResult], query: Query, twins: Mapping[tuple[str, ...], Sequence[CellResult]]) -> Red:
-    results = sorted(found, key=lambda one: newness(_query_versions(one, query)), reverse=True)
+def _red(group: Sequence[CellResult], query: Query, twins: Mapping[tuple[str, ...], Sequence[CellResult]]) -> Red:
+    results = sorted(group, key=lambda one: newness(_query_versions(one, query)), reverse=True)
     cell = results[0].cell
-    explained = next((one for one in found if one.reason), results[0])
+    explained = next((one for one in group if one.reason), results[0])
     held = {_query_versions(one, query) for one in results}
     nearest = _nearest(results, query, twins)
     failing = {name: None for one in results for name in _failing(one, query)}
@@ -186,13 +193,13 @@ def _nearest(
     results: Iterable[CellResult], query: Query, twins: Mapping[tuple[str, ...], Sequence[CellResult]]
 ) -> list[Difference]:
     """Return the differences of red cells from their nearest green twins; those without a twin are left out."""
-    found = []
+    differences = []
     for result in results:
         alike = twins.get(_query_versions(result, query), ())
-        differences = (Difference(result, twin, _difference(result, twin, query.names)) for twin in alike)
-        nearest = min(differences, key=lambda each: len(each.values), default=None)
-        found += [nearest] if nearest else []
-    return found
+        candidates = (Difference(result, twin, _difference(result, twin, query.names)) for twin in alike)
+        nearest = min(candidates, key=lambda each: len(each.values), default=None)
+        differences += [nearest] if nearest else []
+    return differences
 
 
 def _deciding(nearest: Iterable[Difference]) -> dict[str, tuple[str, ...]]:

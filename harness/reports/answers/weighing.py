@@ -39,7 +39,7 @@ class Thorough(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Weighed(msgspec.Struct, frozen=True, kw_only=True):
-    """What was weighed for the first of so many combinations that work.
+    """The facts that were weighed for the first of so many combinations that work.
 
     `newer` are the versions of a newer one, and `why` says what keeps it from being the first. `tasks` is the number of
     environments run with the first, and `passed` are the phases that all of them passed; if one is asked for, it alone
@@ -56,20 +56,20 @@ class Weighed(msgspec.Struct, frozen=True, kw_only=True):
     thorough: Thorough | None
 
 
-def weigh(cells: Sequence[CellResult], found: Sequence[Combination], query: Query) -> Weighed | None:
+def weigh(cells: Sequence[CellResult], candidates: Sequence[Combination], query: Query) -> Weighed | None:
     """Return what was weighed for the first of these combinations; None if there is none."""
-    if not found:
+    if not candidates:
         return None
-    first, newest = found[0], max(found, key=lambda one: newness(one.versions.values()))
+    first, newest = candidates[0], max(candidates, key=lambda one: newness(one.versions.values()))
     return Weighed(
-        works=len(found),
+        works=len(candidates),
         newer=newest.versions if newest.versions != first.versions else {},
         why=_why(newest) if newest.versions != first.versions else "",
         tasks=1 if query.env else len(first.environments),
         passed=_passed(cells, first, query),
         pythons=minors(first.pythons),
         behaves=tuple(_neighbours(cells, first.versions)),
-        thorough=_thorough(found, query),
+        thorough=_thorough(candidates, query),
     )
 
 
@@ -99,10 +99,10 @@ def minors(pythons: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(names, key=Version, reverse=True))
 
 
-def _thorough(found: Sequence[Combination], query: Query) -> Thorough | None:
+def _thorough(candidates: Sequence[Combination], query: Query) -> Thorough | None:
     """Return the combination with the most tasks if it has many more than the first one."""
-    most = max(found, key=lambda one: len(one.environments))
-    if query.env or len(most.environments) < MORE_TASKS * max(len(found[0].environments), 1):
+    most = max(candidates, key=lambda one: len(one.environments))
+    if query.env or len(most.environments) < MORE_TASKS * max(len(candidates[0].environments), 1):
         return None
     return Thorough(versions=most.versions, tasks=len(most.environments), pythons=minors(most.pythons))
 
@@ -112,10 +112,10 @@ def _neighbours(cells: Sequence[CellResult], versions: Mapping[str, str]) -> Ite
     behaving = {one.cell.id: one for one in cells if any(case.behaviour for case in one.cell.cases)}
     for package, version in versions.items():
         fitting = [
-            found
+            neighbour
             for one in behaving.values()
             if package in one.cell.axes and one.version(package) == version
-            for found in _compare(one, behaving, package)
+            for neighbour in _compare(one, behaving, package)
         ]
         if fitting:
             yield max(fitting, key=lambda each: (_alike(each.beside, versions), each.tasks))
@@ -132,7 +132,9 @@ def _compare(result: CellResult, cells: Mapping[str, CellResult], package: str) 
         entry = case.behaviour or None
         before = cells.get(entry.reference or "") if entry else None
         if entry and before:
-            other = next((each.behaviour for each in before.cell.cases if each.case == case.case and each.behaviour), None)
+            other = next(
+                (each.behaviour for each in before.cell.cases if each.case == case.case and each.behaviour), None
+            )
             if other:
                 same.setdefault(before.cell.id, []).append(_agree(entry.family, other.family))
     for name, tasks in same.items():
@@ -149,6 +151,6 @@ def _compare(result: CellResult, cells: Mapping[str, CellResult], package: str) 
             )
 
 
-def _agree(one: str, other: str) -> bool:
+def _agree(family: str, other: str) -> bool:
     """Return whether two cells share a family; what cannot be decided (`?`) counts as a difference."""
-    return bool({*one.replace("'", "")} & {*other.replace("'", "")} - {"?"}) and "?" not in one + other
+    return bool({*family.replace("'", "")} & {*other.replace("'", "")} - {"?"}) and "?" not in family + other

@@ -107,9 +107,9 @@ def _pip(combination: Combination, lock: Path | None) -> Iterator[str]:
         links = f"/tmp/{lock.stem}{WHEELS}"
         if combination.repaired:
             yield f"COPY {json.dumps([f'{lock.stem}{WHEELS}', links])}"
-        found = f" --find-links {shlex.quote(links)}" if combination.repaired else ""
+        option = f" --find-links {shlex.quote(links)}" if combination.repaired else ""
         # Every package is in the lock: what it declares to need was resolved when it was measured.
-        yield f"RUN pip install --no-cache-dir --no-deps --require-hashes{found} -r {shlex.quote(f'/tmp/{lock.name}')}"
+        yield f"RUN pip install --no-cache-dir --no-deps --require-hashes{option} -r {shlex.quote(f'/tmp/{lock.name}')}"
         return
     yield "RUN pip install --no-cache-dir \\"
     yield " \\\n".join(f"    {shlex.quote(text)}" for text in _all_pins(combination))

@@ -21,7 +21,7 @@ NOTHING = "none"
 SUPPLIED = {"MUJOCO_GL": "egl", "SDL_VIDEODRIVER": "dummy"}
 """What the head of the file says of all its probes."""
 MACHINE = re.compile(r"^Made by .* on \d{4}-\d\d-\d\d, ([\w.-]+), Python ", re.MULTILINE)
-ROW = re.compile(r"^\|  \| (?P<python>\S+) \| `(?P<asked>.*?)` \| (?P<env>.*?) \| \w+ \| \w+ \| (?P<line>.*) \|$")
+ROW = re.compile(r"^\|  \| (?P<python>\S+) \| `(?P<typed>.*?)` \| (?P<env>.*?) \| \w+ \| \w+ \| (?P<line>.*) \|$")
 
 
 class HandCase(msgspec.Struct, frozen=True, kw_only=True):
@@ -75,13 +75,16 @@ def read_rows(text: str, agreement: str) -> Iterator[tuple[Row, Table]]:
             installed=entry.installed,
             environment=entry.environment,
         )
-        yield row, Table(
-            matrix=MATRIX,
-            source=table_files.HAND,
-            # The day is that of the index: nothing newer was installed.
-            measured=entry.snapshot,
-            machine=machine[1] if machine else "linux",
-            supplied=SUPPLIED,
+        yield (
+            row,
+            Table(
+                matrix=MATRIX,
+                source=table_files.HAND,
+                # The day is that of the index: nothing newer was installed.
+                measured=entry.snapshot,
+                machine=machine[1] if machine else "linux",
+                supplied=SUPPLIED,
+            ),
         )
 
 
@@ -102,5 +105,5 @@ def _agreed_lines(page: str) -> Iterator[tuple[tuple[str, str, str], str]]:
     for line in page.splitlines():
         row = ROW.match(line)
         if row and row["line"].strip():
-            asked, env, text = (html.unescape(row[name]).replace("\\", "") for name in ("asked", "env", "line"))
-            yield (row["python"], asked, env), text.strip()
+            typed, env, text = (html.unescape(row[name]).replace("\\", "") for name in ("typed", "env", "line"))
+            yield (row["python"], typed, env), text.strip()

@@ -20,34 +20,34 @@ DAY = re.compile(r"^Made by .* on (\d{4}-\d\d-\d\d): Python ", re.MULTILINE)
 
 def read_rows(matrix: str, truth: str, page: str) -> Iterator[tuple[Row, Table]]:
     """Yield each failing combination with its table; the page has the day. Raises BadInput."""
-    asked = toml_table(matrix, table_files.JUDGED)
+    combinations_file = toml_table(matrix, table_files.JUDGED)
     day = DAY.search(page)
     table = Table(
         matrix=MATRIX,
         source=table_files.TRUTH,
-        measured=f"{day[1] if day else asked['snapshot']}T00:00:00Z",
+        measured=f"{day[1] if day else combinations_file['snapshot']}T00:00:00Z",
         machine="linux-x86_64",
         supplied={"MUJOCO_GL": "egl", "SDL_VIDEODRIVER": "dummy"},
     )
-    combinations = {f"py{python}_{name}": (python, name) for name, python in _pythons(asked).items()}
+    combinations = {f"py{python}_{name}": (python, name) for name, python in _pythons(combinations_file).items()}
     for entry in toml_table(truth, table_files.TRUTH)["truth"]:
         python, name = combinations[entry["cell"]]
-        yield _row(entry, python, asked["axes"]["what"][name]), table
+        yield _row(entry, python, combinations_file["axes"]["what"][name]), table
 
 
-def _pythons(asked: Mapping[str, Any]) -> dict[str, str]:
+def _pythons(matrix: Mapping[str, Any]) -> dict[str, str]:
     """Return the Python of each combination: that of the axis, or the one on which it is met."""
-    (usual,) = asked["axes"]["python"]
-    others = {one["axes"]["what"]: one["axes"]["python"] for one in asked["include"]}
-    return {name: others.get(name, usual) for name in asked["axes"]["what"]}
+    (usual,) = matrix["axes"]["python"]
+    others = {one["axes"]["what"]: one["axes"]["python"] for one in matrix["include"]}
+    return {name: others.get(name, usual) for name in matrix["axes"]["what"]}
 
 
-def _row(truth: Mapping[str, Any], python: str, asked: Mapping[str, Any]) -> Row:
+def _row(truth: Mapping[str, Any], python: str, value: Mapping[str, Any]) -> Row:
     phase = Phase(truth["phase"])
     return Row(
         label=truth["cell"],
         python=python,
-        requirements=tuple(asked["requirements"]),
+        requirements=tuple(value["requirements"]),
         cases=tuple(
             RowCase(
                 env=case.get("env"),
@@ -55,10 +55,10 @@ def _row(truth: Mapping[str, Any], python: str, asked: Mapping[str, Any]) -> Row
                 first_failure=phase,
                 decisive=truth["line"],
             )
-            for case in asked["cases"]
+            for case in value["cases"]
         ),
         installed={},
-        environment=asked.get("environment", {}),
+        environment=value.get("environment", {}),
         # All of them say the same cause, the first one best.
         causes=tuple(truth["named"][:1]),
     )

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from harness.judging import known_failures
+from harness.judging.known_failures import select_counting
 from harness.matrix.signatures import Signature
 from harness.model import Outcome, Phase, Verdict
 from harness.model.measured import MeasuredCell
@@ -25,7 +25,7 @@ WORST = (Outcome.FAILED, Outcome.NOT_REACHED, Outcome.PASSED)
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """What is the same for all rows: the name of their matrix, their file, day and machine."""
+    """The facts that are the same for all rows: the name of their matrix, their file, day and machine."""
 
     matrix: str
     source: str
@@ -135,8 +135,8 @@ class Explained:
 
 def make_cell(row: Row, table: Table, signatures: Iterable[Signature]) -> MeasuredCell:
     """Return a row as a measured cell. `signatures` say which known issues fit it, silent ones among them."""
-    known = tuple(signatures)
-    lurking = matching.lurking(known, row.around) if row.versions else ()
+    issues = tuple(signatures)
+    lurking = matching.lurking(issues, row.around) if row.versions else ()
     cases = tuple(_case(case, lurking) for case in row.cases)
     failed = next((phase for phase, outcome in row.phases.items() if outcome is Outcome.FAILED), None)
     return MeasuredCell(
@@ -170,7 +170,7 @@ def make_cell(row: Row, table: Table, signatures: Iterable[Signature]) -> Measur
         evidence=None,
         phase=failed,
         requirements=row.requirements,
-        causes=_causes(row, known) if row.causes is None else row.causes,
+        causes=_causes(row, issues) if row.causes is None else row.causes,
         source=table.source,
         first_failure_only=row.verdict is not Verdict.WORKS,
     )
@@ -178,7 +178,8 @@ def make_cell(row: Row, table: Table, signatures: Iterable[Signature]) -> Measur
 
 def _case(case: RowCase, lurking: Iterable[Signature]) -> CaseEntry:
     # By what its pictures were drawn is not known: an issue of OpenGL is not excluded.
-    result = silent.CaseResult(env=case.env, api=case.api, phases=case.phases, checks={}, opengl=True)
+    ended = {str(phase): str(outcome) for phase, outcome in case.phases.items()}
+    result = silent.CaseResult(env=case.env, api=case.api, phases=ended, checks={}, opengl=True)
     return CaseEntry(
         case=case.env or "import",
         env=case.env,
@@ -194,9 +195,9 @@ def _case(case: RowCase, lurking: Iterable[Signature]) -> CaseEntry:
 def _causes(row: Row, signatures: Iterable[Signature]) -> tuple[str, ...]:
     """Return the ids of the known failures that the lines of a row show."""
     evidence = tuple(_evidence(row.cases))
-    found = matching.diagnose(signatures, evidence, row.around)
-    explained = Explained(diagnoses=found, reasons=tuple(line for one in evidence for line in one.reasons))
-    return tuple(one.signature.id for one in known_failures.select_counting(explained))
+    diagnoses = matching.diagnose(signatures, evidence, row.around)
+    explained = Explained(diagnoses=diagnoses, reasons=tuple(line for one in evidence for line in one.reasons))
+    return tuple(one.signature.id for one in select_counting(explained))
 
 
 def _evidence(cases: Iterable[RowCase]) -> Iterator[Evidence]:
