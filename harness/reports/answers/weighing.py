@@ -76,11 +76,11 @@ def weigh(cells: Sequence[CellResult], candidates: Sequence[Combination], query:
 def _passed(cells: Iterable[CellResult], first: Combination, query: Query) -> tuple[str, ...]:
     """Return the phases that passed in the environment asked for, or in all of the cell."""
     cell = next(one.cell for one in cells if (one.cell.id, one.cell.machine) == (first.cell, first.machine))
-    asked = [case.phases for case in cell.cases if query.env and names_env(case, query.env)]
+    phases_of_env = [case.phases for case in cell.cases if query.env and names_env(case, query.env)]
     return tuple(
         str(phase)
         for phase in CASE_PHASES
-        if all(phases.get(phase) is Outcome.PASSED for phases in asked or [first.phases])
+        if all(phases.get(phase) is Outcome.PASSED for phases in phases_of_env or [first.phases])
     )
 
 
