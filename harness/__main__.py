@@ -28,6 +28,8 @@ GROUPS = {
         "explain": ("harness.commands.explain", "name the cause of a failure: from a log, or around a command"),
         "known": ("harness.commands.known", "list measured packages and known issues, or open one"),
         "recommend": ("harness.commands.recommend", "name versions that were measured together and work"),
+        "check": ("harness.commands.check", "check requirement files or an environment against measured results"),
+        "upgrade": ("harness.commands.upgrade", "foresee an upgrade: would it install, run, behave and look the same"),
         "try": ("harness.commands.try_", "measure one combination of requirements"),
         "doctor": ("harness.commands.doctor", "inspect an environment, and name the nearest versions that work"),
         "repair": ("harness.commands.repair", "find the smallest change that makes a combination work"),

@@ -32,6 +32,8 @@ DOCUMENTS = {
     "compare": ("`compare --json`", "commands.compare", "ComparedCells"),
     "freeze": ("`freeze --check --json`", "commands.freeze", "BehaviourCheck"),
     "recommend": ("`recommend --json`", "reports.answers.recommended", "Recommended"),
+    "check": ("`check --json`", "reports.projects.checked", "Checked"),
+    "upgrade": ("`upgrade --json`", "reports.projects.upgraded", "Upgraded"),
     "known": ("`known --json`", "commands.known", "KnownDocument"),
     "repair": ("`repair.json`, and `repair --json`", "rootcause.repair.proofs", "RepairDocument"),
     "manifest": ("`manifest.json` of `fetch`, and its `--json`", "running.offline.offline_bundle", "Manifest"),

@@ -122,25 +122,24 @@ def write_changed(path: Path, content: bytes, *, mode: int = 0o644) -> None:
     write_atomic(path, content, mode=mode)
 
 
-def load_or_make(kind: str, mark: str, make: Callable[[], bytes], check: Callable[[bytes], object]) -> bytes:
-    """Return the content from `make`, out of the cache folder if it was made for an equal mark.
+def load_or_make(kind: str, mark: str, make: Callable[[], bytes], read: Callable[[bytes], T]) -> T:
+    """Return what `read` makes of the content from `make`, out of the cache folder if it was made for an equal mark.
 
-    Cached content on which `check` raises an error is damaged, and is made again.
+    Cached content on which `read` raises an error is damaged, and is made again.
     """
     try:
         folder = cache_folder() / "remembered" / kind
         name = digest(mark)
         with suppress(Unreadable), raise_unreadable():
             content = guarded_files.read(folder / name, MOST_RECORD)
-            check(content)
-            return content
+            return read(content)
         content = make()
         for old in sorted(folder.glob("*"), key=lambda file: file.stat().st_mtime)[: -REMEMBERED + 1]:
             old.unlink(missing_ok=True)
         write_atomic(folder / name, content)
     except (OSError, BadInput):  # a cache that cannot be used costs only time
-        return make()
-    return content
+        return read(make())
+    return read(content)
 
 
 def digest(*parts: Any) -> str:

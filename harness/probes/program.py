@@ -102,7 +102,7 @@ def read(folder: Path) -> Program:
     def parsed() -> bytes:
         return msgspec.json.encode({name: _file(name, source) for name, source in sources.items()})
 
-    return Program(decoder.decode(store.load_or_make("program", repr(marks), parsed, decoder.decode)))
+    return Program(store.load_or_make("program", repr(marks), parsed, decoder.decode))
 
 
 def _file(name: str, source: bytes) -> File:

@@ -51,6 +51,17 @@ def of_interpreter(python: str, variables: Mapping[str, str], folder: str = ".")
     return Packages(path, version, installed)
 
 
+def requirements_of(python: str, variables: Mapping[str, str], folder: str = ".") -> Dict[str, List[str]]:
+    """Return what each package of an interpreter requires, as its metadata says."""
+    requirements: Dict[str, List[str]] = {}
+    _, entries = _entries(os.path.join(folder, python), variables)
+    for entry in entries:
+        for name, _, headers in _metadata(entry):
+            if name not in requirements:
+                requirements[name] = re.findall(r"^Requires-Dist:[ \t]*(\S[^\r\n]*)", headers, re.MULTILINE)
+    return requirements
+
+
 def _interpreter(word: str, variables: Mapping[str, str], folder: str) -> Optional[str]:
     """Return the interpreter that a word of a command line is, or that the first line of its script names."""
     path = _find_executable(word, variables, folder)
@@ -181,6 +192,11 @@ def _release(path: str) -> Optional[str]:
 
 def _distributions(entry: str) -> "Iterator[tuple[str, str]]":
     """Yield name and version of everything installed in a folder."""
+    return ((name, version) for name, version, _ in _metadata(entry))
+
+
+def _metadata(entry: str) -> "Iterator[tuple[str, str, str]]":
+    """Yield name, version and the headers of the metadata of everything installed in a folder."""
     for name in sorted(_names(entry)):
         stem, dot, kind = name.rpartition(".")
         if kind not in {"dist-info", "egg-info"} or not dot:
@@ -188,11 +204,12 @@ def _distributions(entry: str) -> "Iterator[tuple[str, str]]":
         path = os.path.join(entry, name)
         file = path if os.path.isfile(path) else os.path.join(path, "METADATA" if kind == "dist-info" else "PKG-INFO")
         # The description below the headers may hold lines of the same form.
-        metadata = dict(re.findall(r"^(Name|Version):[ \t]*(\S+)", _text(file).partition("\n\n")[0], re.MULTILINE))
+        headers = _text(file).partition("\n\n")[0]
+        metadata = dict(re.findall(r"^(Name|Version):[ \t]*(\S+)", headers, re.MULTILINE))
         parts = stem.split("-")
         title, version = metadata.get("Name", parts[0]), metadata.get("Version", parts[1] if len(parts) > 1 else "")
         if version:
-            yield canonical(title), version
+            yield canonical(title), version, headers
 
 
 def _names(folder: str) -> List[str]:

@@ -5,4 +5,4 @@ A line that cannot be modelled is named by file and line in `Inputs.not_modelled
 
 from harness.packages.requirement_files.entry import Inputs
 
-__all__ = ["Inputs", "inputs", "project", "yaml_texts"]
+__all__ = ["Inputs", "entry", "inputs", "project", "yaml_texts"]

@@ -11,7 +11,7 @@ from packaging.specifiers import InvalidSpecifier
 
 from harness.model import requirement_texts
 from harness.model.errors import BadInput
-from harness.packages.requirement_files.entry import Inputs, Parsed, Source, check_number
+from harness.packages.requirement_files.entry import CONDA_PACKAGE, Inputs, Parsed, Source, check_number
 from harness.packages.requirement_files.pip import read_lines
 from harness.packages.requirement_files.yaml_texts import readable_yaml
 
@@ -62,17 +62,35 @@ def _text(node: yaml.Node, source: Source) -> str:
     return str(node.value)
 
 
+PYPI = {"pytorch": "torch", "pytorch-cpu": "torch", "pytorch-gpu": "torch", "opencv": "opencv-python"}
+"""Names that conda has for releases of an index's package."""
+
+
+def _as_requirement(name: str, version: str) -> tuple[str, ...]:
+    """Return a conda package as a requirement of the same release; nothing where it names none.
+
+    Three numbers name a release, for which conda has builds; fewer of them name all releases that begin so.
+    """
+    version = re.sub(r"^==(\d+\.\d+\.\d+(?:\.\d+)*)\.\*$", r"==\1", version)
+    try:
+        return (f"{name}{requirement_texts.specifiers(version)}",) if re.fullmatch(r"[\w.-]*\w", name) else ()
+    except InvalidSpecifier:
+        return ()
+
+
 def _conda(spec: str, where: str) -> Inputs:
     match = re.fullmatch(r"(?:[\w./-]+::)?(?P<name>[\w.-]+?)\s*(?P<version>(?:[=<>!~ ].*)?)", spec.strip())
     name = match["name"] if match else spec
     version = match["version"].strip() if match else ""
     if name == "pip" and not version:
         return Inputs()
-    if name != "python":
-        return Inputs(not_modelled=(f"{where}: {spec}: conda packages are not modelled",))
     fuzzy = re.fullmatch(r"(==?)?\s*(\d+(?:\.\d+)*)(\.?\*)?(=[^=]*)?", version)  # =3.10, =3.10.*, 3.10, =3.10.4=h1_0
     if fuzzy:
         version = f"=={fuzzy[2]}" if fuzzy[1] == "==" and not fuzzy[3] else f"=={fuzzy[2]}.*"
+    if name != "python":
+        releases = _as_requirement(PYPI.get(name, name), version)
+        reason = CONDA_PACKAGE if releases else "this way of naming a package of conda is not modelled"
+        return Inputs(conda=releases, not_modelled=(f"{where}: {spec}: {reason}",))
     try:
         return Inputs(python=str(requirement_texts.specifiers(version)) or None)
     except InvalidSpecifier:

@@ -19,6 +19,9 @@ ARCHIVES = (".whl", ".tar.gz", ".zip")
 MOST = 2_000
 """Requirements of a file."""
 
+CONDA_PACKAGE = "conda packages are not modelled"
+"""The reason why no lock has a package of conda; `Inputs.conda` has the release of it."""
+
 LONGEST_QUOTE = 200
 """Characters of a file that a message quotes."""
 
@@ -27,7 +30,8 @@ LONGEST_QUOTE = 200
 class Inputs:
     """The contents of requirement files. `python` is a specifier (`>=3.9,<3.12`); `prerelease` None means not given.
 
-    `not_modelled` are sentences that begin with file and line; `notes` say what was read differently than pip would.
+    `conda` are packages that conda would install, as requirements of the same releases. `not_modelled` are sentences
+    that begin with file and line; `notes` say what was read differently than pip would.
     """
 
     requirements: tuple[str, ...] = ()
@@ -38,6 +42,7 @@ class Inputs:
     prerelease: str | None = None
     index: IndexSettings = field(default_factory=IndexSettings)
     python: str | None = None
+    conda: tuple[str, ...] = ()
     not_modelled: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -59,6 +64,7 @@ class Inputs:
             prerelease=other.prerelease or self.prerelease,
             index=index,
             python=str(both) or None,
+            conda=self.conda + other.conda,
             not_modelled=self.not_modelled + other.not_modelled,
             notes=self.notes + other.notes,
         )

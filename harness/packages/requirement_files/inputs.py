@@ -18,10 +18,10 @@ from packaging.utils import canonicalize_name
 from harness.machine.files import given_files
 from harness.model import schema
 from harness.model.errors import BadInput
-from harness.packages.requirement_files import pip, project, pylock
+from harness.packages.requirement_files import pip, project, pylock, uv_lock
 from harness.packages.requirement_files.entry import Include, Inputs, Parsed, Source
 
-FOREIGN = {"setup.py", "setup.cfg", "Pipfile", "Pipfile.lock", "poetry.lock", "uv.lock", "conda-lock.yml"}
+FOREIGN = {"setup.py", "setup.cfg", "Pipfile", "Pipfile.lock", "poetry.lock", "conda-lock.yml"}
 """Formats that people have and that are not read."""
 
 
@@ -48,6 +48,8 @@ def _parse(path: Path, extras: Sequence[str] = (), groups: Sequence[str] = ()) -
 
 def _parsed(path: Path, text: str, extras: Sequence[str], groups: Sequence[str]) -> Parsed:
     source = Source(name=str(path), folder=path.absolute().parent, variables=os.environ)
+    if path.name == "uv.lock":
+        return uv_lock.uv_lock(text, source)
     if path.suffix == ".toml":
         is_lock = is_valid_pylock_path(path) or (
             path.name != "pyproject.toml" and re.search(r"(?m)^lock-version", text)
@@ -63,7 +65,8 @@ def _parsed(path: Path, text: str, extras: Sequence[str], groups: Sequence[str])
 def _text(path: Path) -> str:
     if path.name in FOREIGN:
         message = (
-            f"{path}: this format is not read; give requirements.txt, pyproject.toml, pylock.toml or environment.yml"
+            f"{path}: this format is not read;"
+            " give requirements.txt, pyproject.toml, uv.lock, pylock.toml or environment.yml"
         )
         raise BadInput(message)
     return given_files.read_text(path)

@@ -10,4 +10,5 @@ __all__ = [
     "recommending",
     "result_index",
     "shipped_reports",
+    "traps",
 ]

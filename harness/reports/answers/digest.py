@@ -20,9 +20,10 @@ from typing import Any
 import msgspec
 
 from harness.judging.known_failures import select_counting
-from harness.model.measured import Measured, MeasuredCell
+from harness.model.measured import Measured, MeasuredCell, ReleaseSeries
 from harness.model.report_types import UNTOLD, CellEntry, Document
 from harness.reports import document
+from harness.reports.answers.release_series import read_series
 from harness.standalone.failures.remedies import describe_steps
 
 PIN = re.compile(r"^([\w.-]+)==(\S+)((?: \\\n +--hash=sha256:[0-9a-f]{64})+)$", re.MULTILINE)
@@ -44,13 +45,14 @@ def from_report(report: Document, folder: Path) -> Measured:
     # Only a lock that `lock_text` can restore to the byte is named.
     whole = {name: text for name, text in texts.items() if text and not PIN.sub("", text).strip()}
     named = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in whole.items()}
-    return with_locks(
+    measured = with_locks(
         report.generated,
         report.machines,
         [_cell(cell, named.get(cell.lock or ""), folder) for cell in cells],
         {sha: texts[name] for name, sha in named.items()},
         {one.signature: describe_remedy(one.remedy) for cell in cells for one in cell.diagnoses},
     )
+    return msgspec.structs.replace(measured, series=tuple(read_series(report)))
 
 
 def combine(parts: Iterable[Measured]) -> Measured:
@@ -60,7 +62,9 @@ def combine(parts: Iterable[Measured]) -> Measured:
     locks: dict[str, str] = {}
     cells: dict[tuple[str, str], MeasuredCell] = {}
     remedies: dict[str, str] = {}
+    series: list[ReleaseSeries] = []
     for part in parts:
+        series += part.series
         generated = max(generated, part.generated)
         machines |= part.machines
         remedies |= part.remedies
@@ -70,7 +74,8 @@ def combine(parts: Iterable[Measured]) -> Measured:
             # At equal times the later one wins: `result_index` puts this store's own results last.
             if key not in cells or cells[key].measured <= cell.measured:
                 cells[key] = cell
-    return with_locks(generated, machines, [cells[key] for key in sorted(cells)], locks, remedies)
+    measured = with_locks(generated, machines, [cells[key] for key in sorted(cells)], locks, remedies)
+    return msgspec.structs.replace(measured, series=tuple(series))
 
 
 def pack(measured: Measured) -> bytes:

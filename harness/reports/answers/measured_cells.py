@@ -21,6 +21,9 @@ from harness.model.report_types import CaseEntry
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.standalone.keys import MODULES, SIMULATORS, weight
 
+HEAVY = 4
+"""The least weight of a package that somebody chooses."""
+
 RAN = {"interop.sb3.": "stable-baselines3", "interop.torchrl.": "torchrl"}
 """Checks that run a package which no environment is of, by the beginning of their names."""
 
@@ -208,6 +211,25 @@ class CellResult:
         mine = {name for name in self.exercised if name in newest and name in self.pins}
         return frozenset(name for name in mine if Version(self.pins[name]) < newest[name])
 
+    @cached_property
+    def subjects(self) -> frozenset[str]:
+        """Return the packages that the cell is about: those that its matrix varies, and others that it names and ran.
+
+        Packages that nobody chooses for their own sake, such as NumPy, are left out.
+        """
+        ran = self.exercised or self.named
+        return frozenset(
+            name
+            for name in self.named
+            if is_heavy(name) and self.version(name) and (name in ran or name in self.cell.axes)
+        )
+
+    @cached_property
+    def counted_versions(self) -> dict[str, str]:
+        """Return the versions of the packages that decide how the cell ends: its subjects, and what they stand on."""
+        names = self.subjects | {name for name in self.exercised if weight(name)}
+        return {name: held for name in sorted(names) if (held := self.version(name))}
+
     @property
     def reason(self) -> str | None:
         """Return the reason that the matrix gives for the result that it expects."""
@@ -227,6 +249,11 @@ class CellResult:
     def variables(self) -> dict[str, str]:
         """Return the environment variables that are set for their own sake: all but `MUJOCO_GL`."""
         return {name: value for name, value in self.cell.environment.items() if name != WAYS}
+
+
+def is_heavy(name: str) -> bool:
+    """Return whether somebody chooses a package for its own sake; lighter ones come with it."""
+    return name in SIMULATORS or weight(name) >= HEAVY
 
 
 def read(measured: Measured) -> list[CellResult]:

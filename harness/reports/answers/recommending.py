@@ -20,11 +20,7 @@ from packaging.version import Version
 
 from harness.model import CASE_PHASES, Outcome, Phase
 from harness.model.vocabulary import settings
-from harness.reports.answers.measured_cells import CellResult, Query, find_good, find_unlocked
-from harness.standalone.keys import weight
-
-HEAVY = 4
-"""The weight from which a package is pinned wherever a lock has it: a simulator, or what simulators are made with."""
+from harness.reports.answers.measured_cells import CellResult, Query, find_good, find_unlocked, is_heavy
 
 NUMPY = "numpy"
 """The package of the arrays that all others pass around: its version is never left open."""
@@ -170,7 +166,7 @@ def pin_requirements(result: CellResult, packages: Iterable[str]) -> Iterator[st
     extras: dict[str, set[str]] = {}
     for each in result.requirements:
         extras.setdefault(canonicalize_name(each.name), set()).update(each.extras)
-    heavy = {name for name in result.pins if weight(name) >= HEAVY}
+    heavy = {name for name in result.pins if is_heavy(name)}
     others = {*heavy, *result.held_back, *({NUMPY} & result.exercised), *(result.versions if result.unlocked else ())}
     for name in dict.fromkeys((*packages, *extras, *result.chosen, *sorted(others))):
         version = result.version(name)

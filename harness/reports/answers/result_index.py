@@ -46,16 +46,15 @@ def load_plain() -> dict[str, Any]:
 
 def load_shipped() -> Measured:
     """Return the results that come with the harness; a checkout collects them once for each state of its reports."""
+    read = msgspec.json.Decoder(Measured).decode
     if PACKED.is_file():
-        content = gzip.decompress(PACKED.read_bytes())
-    else:
-        # The code is part of the key: another version of it may make another document.
-        rooms = ("model", "reports", "standalone/failures")
-        tables = table_files.list_files(PACKAGE.parent)
-        files = [*report_files(), *tables, *(file for room in rooms for file in sorted((PACKAGE / room).rglob("*.py")))]
-        marks = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
-        content = store.load_or_make("distilled", repr(marks), _collected, msgspec.json.decode)
-    return msgspec.json.decode(content, type=Measured)
+        return read(gzip.decompress(PACKED.read_bytes()))
+    # The code is part of the key: another version of it may make another document.
+    rooms = ("model", "reports", "standalone/failures")
+    tables = table_files.list_files(PACKAGE.parent)
+    files = [*report_files(), *tables, *(file for room in rooms for file in sorted((PACKAGE / room).rglob("*.py")))]
+    marks = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
+    return store.load_or_make("distilled", repr(marks), _collected, read)
 
 
 def _collected() -> bytes:

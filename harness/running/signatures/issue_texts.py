@@ -20,7 +20,7 @@ def load() -> tuple[Issue, ...]:
         for path in (*files(), Path(__file__), Path(known_issues.__file__))
     ]
     read = msgspec.json.Decoder(tuple[Issue, ...]).decode
-    return read(store.load_or_make("issues", repr(marks), _encode_issues, read))
+    return store.load_or_make("issues", repr(marks), _encode_issues, read)
 
 
 def _encode_issues() -> bytes:

@@ -59,7 +59,7 @@ def _of_version(history: History, version: str, python: Optional[str], *, built:
         other = _newest_for(history, python)
         text = "Or take {}=={}, the newest for Python {}.".format(package, other, python) if other else ""
         return MissingRelease(package, cause, {"python": wants, "text": text} if text else {"python": wants})
-    if python and not _has_wheel(entry, python) and (built or not entry.get("sdist")):
+    if python and not has_wheel(entry, python) and (built or not entry.get("sdist")):
         return _of_any(history, python, version)
     return None
 
@@ -84,13 +84,14 @@ def _newest_for(history: History, python: str) -> Optional[str]:
     fitting = [
         one["version"]
         for one in history.plain["releases"]
-        if not one.get("yanked") and _has_wheel(one, python) and _admits(str(one.get("python") or ""), python)
+        if not one.get("yanked") and has_wheel(one, python) and _admits(str(one.get("python") or ""), python)
     ]
     stable = [one for one in fitting if not parsed(one).is_prerelease]
     return str(stable[-1]) if stable else None
 
 
-def _has_wheel(entry: Mapping[str, Any], python: str) -> bool:
+def has_wheel(entry: Mapping[str, Any], python: str) -> bool:
+    """Return whether a release has a wheel for a Python (`3.N`) on Linux."""
     major, minor = python.split(".")[:2]
     own = re.compile(r"(?:cp{0}{1}|py3|py2\.py3)-".format(major, minor))
     return any(

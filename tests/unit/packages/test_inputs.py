@@ -393,6 +393,7 @@ variables:
 
         assert read([path]) == Inputs(
             requirements=("mujoco==3.3.7", "dm-control"),
+            conda=("gymnasium==0.29.1", "numpy>=1.26"),
             index=IndexSettings(extra=("https://x.test/simple",)),
             python="==3.10.*",
             not_modelled=(
@@ -463,7 +464,7 @@ class TestFiles:
                 "setup.py",
                 b"",
                 "setup.py: this format is not read; "
-                "give requirements.txt, pyproject.toml, pylock.toml or environment.yml",
+                "give requirements.txt, pyproject.toml, uv.lock, pylock.toml or environment.yml",
             ),
             ("requirements.txt", b"\xff\xfe", "requirements.txt: is not UTF-8 text"),
         ],

@@ -1,0 +1,82 @@
+"""`simmatrix check [-r FILE]`: check the packages of a project against measured results; nothing is installed."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+import msgspec
+from packaging.version import InvalidVersion, Version
+
+from harness.commands import environment_at_hand
+from harness.model.errors import BadInput, CouldNotTell
+from harness.reports.answers import result_index
+from harness.reports.projects import checked, checked_text, project, unknown_names
+from harness.reports.projects.checked import Checked
+from harness.standalone import wrapping
+from harness.standalone.output import print_json
+
+HELP = (
+    "Check requirement files, or the environment at hand, against measured results: what works, what does not, what "
+    "changes the physics, what was never measured. Nothing is installed. Exit status 1: something fails or may change;"
+    " 3: something was never measured."
+)
+MOST = 5
+"""Findings of a kind that are shown."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of `check`."""
+    parser.add_argument("-r", "--requirements", dest="files", type=Path, metavar="FILE", nargs="+", action="extend",
+                        help="requirements.txt, pyproject.toml, uv.lock, pylock.toml or environment.yml"
+                             " [the environment at hand]")  # fmt: skip
+    parser.add_argument("--extra", metavar="NAME", action="append", default=[], help="an extra of a project")
+    parser.add_argument("--group", metavar="NAME", action="append", default=[], help="a dependency group of a project")
+    parser.add_argument("--python", metavar="V|PATH", help="the Python of the files; or an environment to check")
+    parser.add_argument("--env", metavar="ID", help="only this environment, such as Ant-v5")
+    parser.add_argument("--each", action="store_true", help="check every file for itself, not all together")
+    parser.add_argument("--all", action="store_true", help="show every finding")
+    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Check the project, print the findings, and return the exit code."""
+    projects = [_read(args, files) for files in _files(args)]
+    measured = result_index.load()
+    unknown_names.refuse_environment(args.env, measured)
+    documents = [checked.check(measured, each, args.env) for each in projects]
+    if args.json:
+        print_json(msgspec.json.encode(documents[0] if len(documents) == 1 else documents))
+    else:
+        most = None if args.all else MOST
+        texts = [line for document in documents for line in checked_text.lines(document, most)]
+        print("\n".join(wrapping.wrap_lines(texts, wrapping.width(sys.stdout))))
+    codes = {checked.exit_code(document) for document in documents}
+    return 1 if 1 in codes else CouldNotTell.exit_code if CouldNotTell.exit_code in codes else 0
+
+
+def _files(args: argparse.Namespace) -> list[list[Path]]:
+    """Return the files of each project; one without files is an environment."""
+    if not args.files:
+        if args.extra or args.group or args.each:
+            message = "check: --extra, --group and --each are about files; name them with -r FILE"
+            raise BadInput(message)
+        return [[]]
+    return [[path] for path in args.files] if args.each else [args.files]
+
+
+def _read(args: argparse.Namespace, files: list[Path]) -> project.Project:
+    if not files:
+        return environment_at_hand.read_environment(args.python)
+    try:
+        python = str(Version(args.python)) if args.python else None
+    except InvalidVersion:
+        message = f'check: --python "{args.python}" is no version such as 3.11, which files need'
+        raise BadInput(message) from None
+    here = project.read_files(files, args.extra, args.group, python)
+    unknown_names.refuse_unknown(here, files, lambda text: print(text, file=sys.stderr))
+    return here
+
+
+__all__ = ["HELP", "Checked", "add_arguments", "main"]

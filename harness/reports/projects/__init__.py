@@ -1,0 +1,6 @@
+"""Judge the packages of a project from measured results: `check` as they stand, `upgrade` with other releases.
+
+A project is requirement files, or an environment at hand. Nothing is installed and nothing is run.
+"""
+
+__all__ = ["checked", "checked_text", "project", "tried_task", "unknown_names", "upgraded", "upgraded_text"]

@@ -1,0 +1,182 @@
+"""Find the measured cells that concern a project: what was measured of the packages that it holds together."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from packaging.version import Version
+
+from harness.model.measured import MeasuredCell
+from harness.model.report_types import CaseEntry
+from harness.reports.answers.measured_cells import CellResult, case_works, is_heavy
+from harness.reports.projects.project import Project
+from harness.standalone.explain.import_names import package_with
+from harness.standalone.keys import weight
+from harness.standalone.versions import is_version, version
+
+NO_MODULE = re.compile(r"No module named '([\w.]+)'")
+
+NUMPY_MINORS = 2
+"""NumPy removed names in minor releases before this major one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredSet:
+    """Packages of a project that were measured together, with every cell that ran just these of it."""
+
+    names: tuple[str, ...]
+    cells: tuple[CellResult, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """An environment of a cell: whether it works there, and if not, why."""
+
+    env: str
+    works: bool
+    line: str | None
+    result: CellResult
+
+
+def find_sets(cells: Iterable[CellResult], project: Project) -> list[MeasuredSet]:
+    """Return the sets of the project's packages that were measured together, the largest first.
+
+    A set within another one is left out, unless the larger one was measured with other versions only. So is a set that
+    was measured with other versions only, none of which works.
+    """
+    groups: dict[frozenset[str], list[CellResult]] = {}
+    for result in cells:
+        names = result.subjects
+        if names and names <= project.packages.keys() and is_plain(result):
+            groups.setdefault(names, []).append(result)
+    held = [names for names in groups if any(fits(each, project) for each in groups[names])]
+    telling = [names for names in groups if names in held or any(each.works for each in groups[names])]
+    shown = [names for names in telling if not any(names < other for other in held)]
+    largest = [names for names in shown if names in held or not any(names < other for other in telling)]
+    ordered = sorted(largest, key=lambda names: (-len(names), sorted(names)))
+    return [
+        MeasuredSet(
+            names=tuple(sorted(names, key=lambda name: (-weight(name), name))),
+            cells=tuple(each for group in groups if names <= group for each in groups[group]),
+        )
+        for names in ordered
+    ]
+
+
+def is_plain(result: CellResult) -> bool:
+    """Return whether a cell shows what a user gets: with wheels of the index, and no variable set for its own sake."""
+    cell = result.cell
+    return not (result.variables or result.own or cell.brought or cell.repairs or cell.base or cell.subject)
+
+
+def fits(result: CellResult, project: Project, *, any_python: bool = False) -> bool:
+    """Return whether a project admits the versions of a cell.
+
+    A light package that the project pins may have another release of the same first number in the cell.
+    """
+    if not any_python and not project.admits_python(result.python):
+        return False
+    if _missing(result) in project.packages:
+        return False
+    return not any(_differs(name, held, project) for name, held in result.counted_versions.items())
+
+
+def _missing(result: CellResult) -> str | None:
+    """Return the package that a cell failed for want of."""
+    match = NO_MODULE.search(result.cell.decisive or "")
+    return package_with(match.group(1)) if match else None
+
+
+def _differs(name: str, held: str, project: Project) -> bool:
+    public = held.partition("+")[0]
+    if project.admits(name, public):
+        return False
+    pinned = project.packages[name].pinned
+    return not (
+        not is_heavy(name) and pinned and is_version(pinned) and _generation(name, pinned) == _generation(name, public)
+    )
+
+
+def _generation(name: str, text: str) -> tuple[int, ...]:
+    numbers: tuple[int, ...] = version(text).release
+    fine = name == "numpy" and numbers[0] < NUMPY_MINORS
+    return numbers[:2] if fine else numbers[:1]
+
+
+def differences(result: CellResult, project: Project) -> dict[str, tuple[str, str]]:
+    """Return the light packages whose version in a cell is not the pinned one: the pinned and the measured version."""
+    held = result.counted_versions
+    return {
+        name: (declared.pinned, version_there)
+        for name, version_there in held.items()
+        if (declared := project.packages.get(name)) and declared.pinned and not project.admits(name, version_there)
+    }
+
+
+# --- tasks -----------------------------------------------------------------------------------------------------
+
+
+def tasks(results: Iterable[CellResult], project: Project, env: str | None = None) -> dict[str, Task]:
+    """Return the environments of cells, each as the cell nearest to the project has it.
+
+    Of cells that are equally near, one counts in which it works, then the newest.
+    """
+    tried: dict[str, list[tuple[tuple[object, ...], Task]]] = {}
+    for result in results:
+        near = -len(differences(result, project))
+        for case in result.cell.cases:
+            if case.env is None or (env is not None and bare(case.env, case.api) != bare(env, case.api)):
+                continue
+            name = bare(case.env, case.api)
+            task = Task(env=name, works=case_works(case), line=why(case, result.cell), result=result)
+            order = near, task.works, Version(result.python), result.cell.measured
+            tried.setdefault(name, []).append((order, task))
+    return {name: max(each, key=lambda item: item[0])[1] for name, each in tried.items()}
+
+
+def bare(env: str, api: str) -> str:
+    """Return the id of an environment without the name of its API."""
+    return env.removeprefix(f"{api}:")
+
+
+def why(case: CaseEntry, cell: MeasuredCell) -> str | None:
+    """Return the line that says why an environment of a cell does not work."""
+    if case.decisive:
+        return case.decisive
+    if case.misleads:
+        return f"it misleads without an error: {', '.join(case.misleads)}"
+    doubts = [name.removeprefix("silent:") for name in case.unverified or cell.doubts]
+    return f"a known issue without an error is not excluded: {', '.join(doubts)}" if doubts else cell.decisive
+
+
+# --- nearness --------------------------------------------------------------------------------------------------
+
+
+def nearest(results: Sequence[CellResult], project: Project, wanted: Sequence[str]) -> CellResult | None:
+    """Return the working cell whose versions are nearest to those that the project pins or admits."""
+    good = [each for each in results if each.works]
+    return min(good, key=lambda each: _distance(each, project, wanted), default=None)
+
+
+def _distance(result: CellResult, project: Project, wanted: Sequence[str]) -> tuple[object, ...]:
+    apart = sum(_gap(str(result.version(name)), project.packages[name].pinned, name, project) for name in wanted)
+    light = sum(_differs(name, held, project) for name, held in result.counted_versions.items() if name not in wanted)
+    other_python = not project.admits_python(result.python)
+    newest = tuple(tuple(-part for part in version(str(result.version(name))).release) for name in wanted)
+    return apart + 2 * other_python + light, newest, result.cell.id
+
+
+def _gap(held: str, pinned: str | None, name: str, project: Project) -> float:
+    """Return how far a version is from what a project wants: 0 for an admitted one."""
+    public = held.partition("+")[0]
+    if project.admits(name, public):
+        return 0.0
+    if pinned is None or not is_version(pinned):
+        return 3.0
+    here, there = version(pinned).release, version(public).release
+    width = max(len(here), len(there), 3)
+    first, second = (tuple(numbers) + (0,) * (width - len(numbers)) for numbers in (here, there))
+    scales = (20.0, 1.0, 0.05)
+    return sum(scale * abs(one - other) for scale, one, other in zip(scales, first, second, strict=False))
