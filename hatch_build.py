@@ -1,4 +1,7 @@
-"""Make two files of the package when a wheel is built: the measured results behind `reports/`, and the reports."""
+"""Make two files of the package when a wheel is built: all measured results, and the reports.
+
+Measured results are those behind `reports/`, and combinations of which only a table of the checkout is left.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +42,8 @@ def pack(root: Path) -> tuple[bytes, bytes]:
     sys.path.insert(0, str(root))  # nothing is installed yet
     try:
         digest = importlib.import_module("harness.reports.answers.digest")
+        collection = importlib.import_module("harness.reports.past_results.collection")
     finally:
         sys.path.remove(str(root))
     files = sorted((root / "reports").glob("*/report.json"))
-    return digest.pack(digest.from_files(files)), digest.pack_reports(files)
+    return digest.pack(collection.from_checkout(root, files)), digest.pack_reports(files)

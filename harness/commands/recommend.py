@@ -7,19 +7,27 @@ import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 from packaging.version import InvalidVersion, Version
 
 from harness.model import Phase
 from harness.model.errors import BadInput
-from harness.reports.answers import measured_cells, misspelt, recommended_text, result_index
+from harness.model.measured import Measured
+from harness.reports.answers import measured_cells, recommended_text, result_index
 from harness.reports.answers.measured_cells import CellResult, Query, Wanted
-from harness.reports.answers.recommended import build_answer
+from harness.reports.answers.recommended import Recommended, build_answer
 from harness.reports.answers.recommending import Combination
+from harness.reports.install_texts import install_commands
 from harness.standalone.output import print_json
 
-HELP = "Which versions work together: the newest combination that was measured and found good, and known traps."
+if TYPE_CHECKING:
+    from harness.running import lock_files
+
+HELP = "Which versions work together: a command that installs the newest combination that works, and known traps."
+COMMANDS = (install_commands.PIP, install_commands.UV)
+FORMATS = (*COMMANDS, "conda", "pyproject", "dockerfile")
 
 SHOWN = 5
 NEEDS = (Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER, Phase.INTEROP)
@@ -32,6 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--needs", type=_phases, default=(), metavar="PHASE,...",
                         help=f"what has to have passed, of {', '.join(NEEDS)}")  # fmt: skip
     parser.add_argument("--env", metavar="ID", help="an environment that has to have been tried")
+    parser.add_argument("--format", choices=FORMATS, default=install_commands.PIP,
+                        help="tool that installs it: a command, or a file on stdout [pip]")  # fmt: skip
     parser.add_argument("--limit", type=int, default=SHOWN, metavar="N", help=f"combinations in --json [{SHOWN}]")
     parser.add_argument("--all", action="store_true", help="show every combination and every trap")
     parser.add_argument("--lock-out", type=Path, metavar="FILE",
@@ -58,15 +68,51 @@ def main(args: argparse.Namespace) -> int:
     trying = recommended_text.try_command([one.text for one in query.wanted], query.python, query.env)
     limit = len(cells) if args.all else max(args.limit, 1)
     answer = build_answer(cells, query, limit, trying)
+    best = next(iter(answer.measured), None)
     if args.lock_out:
-        _write(args.lock_out, next(iter(answer.measured), None), query, offline=args.offline)
+        _write(args.lock_out, best, query, offline=args.offline)
     if args.json:
         print_json(msgspec.json.encode(answer))
+    elif args.format not in COMMANDS and best:
+        print(_file(best, args, measured), end="")
     else:
-        names = {name for one in cells for name in one.about}
-        width = shutil.get_terminal_size().columns
-        print("\n".join(recommended_text.lines(answer, measured.machines, names, width, whole=args.all)))
+        # A file that is asked for holds nothing else: where there is none, the reasons are no part of it.
+        out = sys.stdout if args.format in COMMANDS else sys.stderr
+        print("\n".join(_lines(answer, args, measured, cells)), file=out)
     return 0 if answer.measured else 1
+
+
+def _lines(answer: Recommended, args: argparse.Namespace, measured: Measured, cells: Sequence[CellResult]) -> list[str]:
+    """Return the answer in words."""
+    # Only the names of unknown packages are compared with all others.
+    names = {name for one in cells for name in one.about} if answer.unknown else set()
+    width = shutil.get_terminal_size().columns
+    tool = args.format if args.format in COMMANDS else install_commands.PIP
+    lines = recommended_text.lines(answer, measured.machines, names, width, tool, whole=args.all)
+    if not args.all:
+        return lines
+    from harness.reports.answers import recommended_details  # noqa: PLC0415 - start-up
+
+    return lines + recommended_details.lines(answer, measured.machines, width, tool)
+
+
+def _file(best: Combination, args: argparse.Namespace, measured: Measured) -> str:
+    """Return a combination as a file of a tool. Raises BadInput if no index has what it needs."""
+    from harness.reports.install_texts import environment_files  # noqa: PLC0415 - start-up
+    from harness.running import lock_files  # noqa: PLC0415 - start-up
+
+    lock = args.lock_out if args.format == "dockerfile" else None
+    missing = [*best.brought, *(() if lock else best.repaired)]
+    if missing:
+        hint = "; --lock-out FILE writes it, too" if best.repaired else ""
+        message = f"recommend --format {args.format}: no index has {', '.join(missing)} as it was measured{hint}"
+        raise BadInput(message)
+    header = lock_files.header(_handed(best))
+    if args.format == "dockerfile":
+        os = str(measured.machines.get(best.machine, {}).get("os", ""))
+        return environment_files.dockerfile(best, header, os, lock)
+    write = {"conda": environment_files.conda, "pyproject": environment_files.pyproject}[args.format]
+    return write(best, header)
 
 
 def _query(args: argparse.Namespace) -> Query:
@@ -91,24 +137,35 @@ def _query(args: argparse.Namespace) -> Query:
 
 def _check(cells: Sequence[CellResult], query: Query, *, offline: bool) -> None:
     """Refuse packages and releases that no index has, without asking for measured ones. Raises BadInput."""
-    unseen = [one for one in query.wanted if not any(one.fits(cell.pins.get(one.name)) for cell in cells)]
-    misspelt.check([one.text for one in unseen], lambda text: print(text, file=sys.stderr), offline=offline)
+    unseen = [one for one in query.wanted if not any(one.fits(cell.versions.get(one.name)) for cell in cells)]
+    if unseen:
+        from harness.reports.answers import misspelt  # noqa: PLC0415 - start-up
+
+        misspelt.check([one.text for one in unseen], lambda text: print(text, file=sys.stderr), offline=offline)
 
 
 def _write(path: Path, best: Combination | None, query: Query, *, offline: bool) -> None:
     if best is None:
         print(f"recommend: nothing good was measured of {' '.join(query.names)}: no lock was written", file=sys.stderr)
         return
+    if not best.lock:
+        print(f"recommend: the lock of {best.cell} was not kept: no lock was written", file=sys.stderr)
+        return
     from harness.running import lock_files  # noqa: PLC0415 - start-up
 
-    handed = lock_files.MeasuredLock(
+    command = lock_files.write(path, _handed(best), offline=offline)
+    print(f"lock: {path}, of {best.cell}\ninstall: {command}", file=sys.stderr)
+
+
+def _handed(best: Combination) -> lock_files.MeasuredLock:
+    """Return the lock of a combination, with what its header says."""
+    from harness.running import lock_files  # noqa: PLC0415 - start-up
+
+    return lock_files.MeasuredLock(
         lock=best.lock,
         cell=best.cell,
         python=best.python,
         machine=best.machine,
         measured=best.measured,
-        # `virtual` is our own word for a display, and nothing that a user could set.
-        settings={name: value for name, value in best.settings.items() if (name, value) != recommended_text.VIRTUAL},
+        settings=install_commands.variables(best),
     )
-    command = lock_files.write(path, handed, offline=offline)
-    print(f"lock: {path}, of {best.cell}\ninstall: {command}", file=sys.stderr)

@@ -11,8 +11,8 @@ from harness.machine import store, this_machine
 from harness.model import Verdict
 from harness.model.errors import BadInput
 from harness.reports import document, publishing
-from harness.reports.answers.try_answer import answer
 from harness.reports.text import progress
+from harness.reports.text.try_answer import answer
 from harness.running import scheduler
 from harness.running.signatures import shipped_signatures
 from harness.standalone.output import print_json

@@ -17,13 +17,16 @@ class MeasuredCell(CellEntry, frozen=True, kw_only=True, omit_defaults=True):
     """A measured cell without paths of files and known failures; `lock` is the SHA-256 of its lock, if there is one.
 
     `causes` are the ids of the known failures that count. `imported` are modules that one of its cases imported, if the
-    cell did not note which packages its cases ran.
+    cell did not note which packages its cases ran. `source` is the table that a cell comes from which has no report:
+    neither its lock nor its evidence was kept. With `first_failure_only`, later phases are not known.
     """
 
     machine: str
     measured: str
     causes: tuple[str, ...]
     imported: tuple[str, ...] = ()
+    source: str = ""
+    first_failure_only: bool = False
 
 
 class SeriesStep(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -63,7 +66,8 @@ class ReleaseSeries(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=Tru
 class Measured(msgspec.Struct, frozen=True, kw_only=True):
     """Measured cells, and their locks by SHA-256 as pairs of name and version.
 
-    `series` says which environments change between releases.
+    `remedies` has, in a few words, what to do about each known failure that is a cause of some cell. `series` says
+    which environments change between releases.
     `hashes` are the SHA-256 of the files of each release `name==version`, written once for all locks. `taken` has the
     places in them of the files of a release that a lock holds, if it does not hold all of them.
     """
@@ -75,6 +79,7 @@ class Measured(msgspec.Struct, frozen=True, kw_only=True):
     locks: dict[str, tuple[tuple[str, str], ...]]
     hashes: dict[str, tuple[str, ...]]
     taken: dict[str, dict[str, tuple[int, ...]]]
+    remedies: dict[str, str] = {}
     series: tuple[ReleaseSeries, ...] = ()
 
     def lock_text(self, sha256: str) -> str:

@@ -53,14 +53,14 @@ def write(path: Path, handed: MeasuredLock, *, offline: bool = False) -> str:
     return command
 
 
-def header(handed: MeasuredLock, command: str) -> str:
-    """Return comment lines that say which cell a lock was measured in, and how it is installed."""
+def header(handed: MeasuredLock, command: str = "") -> str:
+    """Return comment lines that say which cell a lock was measured in, and how it is installed, if a command does."""
     settings = " ".join(f"{name}={value}" for name, value in handed.settings.items())
     lines = [
         f"simmatrix: {handed.cell}",
         f"Python {handed.python}, measured {handed.measured[:10]} on {handed.machine}",
         *([f"set: {settings}"] if settings else []),
-        f"install: {command}",
+        *([f"install: {command}"] if command else []),
     ]
     return "".join(f"# {line}\n" for line in lines)
 

@@ -5,10 +5,10 @@ __all__ = [
     "measured_cells",
     "misspelt",
     "recommended",
+    "recommended_details",
     "recommended_text",
     "recommending",
     "result_index",
     "shipped_reports",
     "traps",
-    "try_answer",
 ]

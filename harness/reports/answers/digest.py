@@ -14,6 +14,8 @@ import zipfile
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import msgspec
 
@@ -22,6 +24,7 @@ from harness.model.measured import Measured, MeasuredCell, ReleaseSeries
 from harness.model.report_types import UNTOLD, CellEntry, Document
 from harness.reports import document
 from harness.reports.answers.release_series import read_series
+from harness.standalone.failures.remedies import describe_steps
 
 PIN = re.compile(r"^([\w.-]+)==(\S+)((?: \\\n +--hash=sha256:[0-9a-f]{64})+)$", re.MULTILINE)
 HASH = re.compile(r"sha256:([0-9a-f]{64})")
@@ -47,6 +50,7 @@ def from_report(report: Document, folder: Path) -> Measured:
         report.machines,
         [_cell(cell, named.get(cell.lock or ""), folder) for cell in cells],
         {sha: texts[name] for name, sha in named.items()},
+        {one.signature: describe_remedy(one.remedy) for cell in cells for one in cell.diagnoses},
     )
     return msgspec.structs.replace(measured, series=tuple(read_series(report)))
 
@@ -57,18 +61,20 @@ def combine(parts: Iterable[Measured]) -> Measured:
     machines: dict[str, dict[str, object]] = {}
     locks: dict[str, str] = {}
     cells: dict[tuple[str, str], MeasuredCell] = {}
+    remedies: dict[str, str] = {}
     series: list[ReleaseSeries] = []
     for part in parts:
         series += part.series
         generated = max(generated, part.generated)
         machines |= part.machines
+        remedies |= part.remedies
         locks |= {sha: part.lock_text(sha) for sha in part.locks}
         for cell in part.cells:
             key = cell.id, cell.machine
             # At equal times the later one wins: `result_index` puts this store's own results last.
             if key not in cells or cells[key].measured <= cell.measured:
                 cells[key] = cell
-    measured = with_locks(generated, machines, [cells[key] for key in sorted(cells)], locks)
+    measured = with_locks(generated, machines, [cells[key] for key in sorted(cells)], locks, remedies)
     return msgspec.structs.replace(measured, series=tuple(series))
 
 
@@ -109,6 +115,12 @@ def _cell(cell: CellEntry, lock: str | None, folder: Path) -> MeasuredCell:
     )
 
 
+def describe_remedy(remedy: Mapping[str, Any]) -> str:
+    """Return in a few words what to do: the steps that a machine can take, else the first sentence of the text."""
+    first, _, _ = str(remedy.get("text", "")).partition(". ")
+    return "; ".join(describe_steps(remedy)) or first.rstrip(".")
+
+
 def _imported(reply: str) -> tuple[str, ...]:
     """Return the modules that one case is known to have imported: those that it names, and well-known libraries."""
     modules: set[str] = set()
@@ -132,10 +144,15 @@ def _text(folder: Path, name: str) -> str:
 
 
 def with_locks(
-    generated: str, machines: Mapping[str, dict[str, object]], cells: Collection[MeasuredCell], locks: Mapping[str, str]
+    generated: str,
+    machines: Mapping[str, dict[str, object]],
+    cells: Collection[MeasuredCell],
+    locks: Mapping[str, str],
+    remedies: Mapping[str, str] = MappingProxyType({}),
 ) -> Measured:
-    """Return cells with the machines and locks that they name. `locks` are texts by their SHA-256."""
+    """Return cells with the machines, locks and known failures that they name. `locks` are texts by their SHA-256."""
     used = {cell.lock for cell in cells}
+    causes = {name for cell in cells for name in cell.causes}
     pins = {
         sha: [(name, version, tuple(HASH.findall(hashes))) for name, version, hashes in PIN.findall(text)]
         for sha, text in sorted(locks.items())
@@ -153,6 +170,7 @@ def with_locks(
         locks={sha: tuple((name, version) for name, version, _ in each) for sha, each in pins.items()},
         hashes=ordered,
         taken={sha: places for sha, places in taken.items() if places},
+        remedies={name: text for name, text in sorted(remedies.items()) if name in causes},
     )
 
 

@@ -24,6 +24,13 @@ from harness.standalone.keys import MODULES, SIMULATORS, weight
 HEAVY = 4
 """The least weight of a package that somebody chooses."""
 
+RAN = {"interop.sb3.": "stable-baselines3", "interop.torchrl.": "torchrl"}
+"""Checks that run a package which no environment is of, by the beginning of their names."""
+
+OFTEN_HELD = {"setuptools", "importlib-metadata", "pymunk", "cython"}
+"""Packages without a simulation whose newer releases broke older ones of others."""
+
+IDLE = {Outcome.SKIPPED, Outcome.NOT_REACHED, Outcome.UNAVAILABLE}
 WAYS = "MUJOCO_GL"
 """A variable that is set in many cells as in any script: the other ones are tried for their own sake."""
 
@@ -67,21 +74,55 @@ class Query:
         return tuple(one.name for one in self.wanted)
 
 
+class NewestReleases:
+    """The newest version of each deciding package in the locks of cells of one Python."""
+
+    def __init__(self, measured: Measured) -> None:
+        self._measured = measured
+        self._by_minor: dict[str, dict[str, Version]] = {}
+
+    def of(self, minor: str) -> dict[str, Version]:
+        """Return the newest versions by package; `minor` is such as `3.11`."""
+        if minor not in self._by_minor:
+            locks = {one.lock for one in self._measured.cells if (one.python or "").startswith(f"{minor}.")}
+            pins = {pin for lock in locks if lock for pin in self._measured.locks[lock] if decides(pin[0])}
+            newest: dict[str, Version] = {}
+            for name, version in pins:
+                newest[name] = max(Version(version), newest.get(name, Version("0")))
+            self._by_minor[minor] = newest
+        return self._by_minor[minor]
+
+
+def decides(name: str) -> bool:
+    """Return whether the version of a package often decides if something runs."""
+    return weight(name) > 0 or name in OFTEN_HELD
+
+
 @dataclass(frozen=True, kw_only=True)
 class CellResult:
-    """A measured cell with the versions in its lock; without a lock, the versions that the cell asks for count."""
+    """A measured cell with the versions in its lock; without a lock, the versions that the cell asks for count.
+
+    `parts` are results of one environment that this one joins. `newest` are the releases that other cells have.
+    """
 
     cell: MeasuredCell
     measured: Measured
+    newest: NewestReleases
+    parts: tuple[CellResult, ...] = ()
 
     @cached_property
     def pins(self) -> dict[str, str]:
         """Return the versions in the lock; empty without a lock."""
         return dict(self.measured.locks.get(self.cell.lock or "", ()))
 
+    @cached_property
+    def versions(self) -> dict[str, str]:
+        """Return the versions in the lock, or, if it was not kept, the installed versions that are known."""
+        return self.pins or dict(self.cell.installed or {})
+
     def version(self, name: str) -> str | None:
         """Return the installed version of a package, or the version asked for if nothing could be locked."""
-        return self.pins.get(name) or (None if self.pins else self._requested_versions.get(name))
+        return self.versions.get(name) or (None if self.pins else self._requested_versions.get(name))
 
     @cached_property
     def _requested_versions(self) -> dict[str, str]:
@@ -116,6 +157,16 @@ class CellResult:
         # A combination is recommended with its lock, so a result without one is not enough.
         return self.cell.good and bool(self.pins)
 
+    @property
+    def unlocked(self) -> bool:
+        """Return whether the cell comes from a table: its lock was not kept."""
+        return bool(self.cell.source)
+
+    @property
+    def ran_unlocked(self) -> bool:
+        """Return whether everything that was tried works, in a cell whose lock was not kept."""
+        return self.cell.good and self.unlocked
+
     @cached_property
     def named(self) -> frozenset[str]:
         """Return the packages that the matrix asks for by name."""
@@ -136,11 +187,29 @@ class CellResult:
         its API.
         """
         noted = {name for case in self.cell.cases for name in case.exercised or ()}
+        noted |= self._ran_by_checks if noted else set()
         spoken = {case.api.replace("_", "-") for case in self.cell.cases}
         imported = {*self.cell.imported}
         ran = noted or self.named | {name for name in self.pins if MODULES.get(name) in imported}
         mine = self.named | spoken
-        return frozenset(name for name in ran | spoken if name in mine or name not in SIMULATORS) & self.pins.keys()
+        counted = {name for name in ran | spoken if name in mine or name not in SIMULATORS}
+        return frozenset(counted & self.versions.keys())
+
+    @property
+    def _ran_by_checks(self) -> set[str]:
+        """Return the packages that checks ran, apart from those of the environments."""
+        checks = {name for case in self.cell.cases for name, how in case.checks.items() if how not in IDLE}
+        return {package for start, package in RAN.items() if any(name.startswith(start) for name in checks)}
+
+    @cached_property
+    def held_back(self) -> frozenset[str]:
+        """Return the deciding packages that its cases ran in an older release than other cells of the same Python.
+
+        Something kept them back that its requirements do not show, such as a constraint of the matrix.
+        """
+        newest = self.newest.of(self.minor)
+        mine = {name for name in self.exercised if name in newest and name in self.pins}
+        return frozenset(name for name in mine if Version(self.pins[name]) < newest[name])
 
     @cached_property
     def subjects(self) -> frozenset[str]:
@@ -171,7 +240,7 @@ class CellResult:
         """Return whether a matrix brought all environments of the cell (`gym:module:function`) itself."""
         return all((case.env or "").count(":") > 1 for case in self.cell.cases) and bool(self.cell.cases)
 
-    @property
+    @cached_property
     def about(self) -> frozenset[str]:
         """Return the packages that a red cell says something about: those it names or ran."""
         return self.named | self.exercised
@@ -189,7 +258,8 @@ def is_heavy(name: str) -> bool:
 
 def read(measured: Measured) -> list[CellResult]:
     """Return the cells of a document, each with the versions in its lock."""
-    return [CellResult(cell=cell, measured=measured) for cell in measured.cells]
+    newest = NewestReleases(measured)
+    return [CellResult(cell=cell, measured=measured, newest=newest) for cell in measured.cells]
 
 
 # --- what fits -------------------------------------------------------------------------------------------------
@@ -203,13 +273,22 @@ def find_fitting(cells: Iterable[CellResult], query: Query) -> list[CellResult]:
         if all(wanted.fits(one.version(wanted.name)) and wanted.name in one.about for wanted in query.wanted)
         # The dots keep 3.1 from standing for 3.11.
         if query.python is None or f"{one.python}.".startswith(f"{query.python}.")
-        if query.env is None or any(_is(case, query.env) for case in one.cell.cases)
+        if query.env is None or any(names_env(case, query.env) for case in one.cell.cases)
     ]
 
 
 def find_good(cells: Iterable[CellResult], query: Query) -> list[CellResult]:
     """Return the fitting cells that ran every package asked for, work, and passed the needed phases."""
-    return [one for one in find_fitting(cells, query) if ran(one, query) and works(one, query) and passes(one, query)]
+    return [one for one in find_fitting(cells, query) if one.pins and _answers(one, query)]
+
+
+def find_unlocked(cells: Iterable[CellResult], query: Query) -> list[CellResult]:
+    """Return the cells of tables that work just as well, only that their locks were not kept."""
+    return [one for one in find_fitting(cells, query) if one.unlocked and _answers(one, query)]
+
+
+def _answers(result: CellResult, query: Query) -> bool:
+    return ran(result, query) and works(result, query) and passes(result, query)
 
 
 def ran(result: CellResult, query: Query) -> bool:
@@ -222,9 +301,10 @@ def works(result: CellResult, query: Query) -> bool:
 
     For a question about one environment, it is enough that this environment works.
     """
-    if query.env is None or result.works or result.cell.verdict is not Verdict.PARTIAL:
-        return result.works
-    cases = [case for case in result.cell.cases if _is(case, query.env)]
+    good = result.works or result.ran_unlocked
+    if query.env is None or good or result.cell.verdict is not Verdict.PARTIAL:
+        return good
+    cases = [case for case in result.cell.cases if names_env(case, query.env)]
     return all(case_works(case) for case in cases) and not result.cell.doubts
 
 
@@ -240,14 +320,14 @@ def case_works(case: CaseEntry) -> bool:
     return single and {*case.phases.values()} <= fine and not case.misleads and not case.unverified
 
 
-def _is(case: CaseEntry, env: str) -> bool:
+def names_env(case: CaseEntry, env: str) -> bool:
     """Return whether a case uses an environment, given by its id with or without its namespace."""
     return env == case.env or env == (case.env or "").partition(":")[2]
 
 
 def passes(result: CellResult, query: Query) -> bool:
     """Return whether all needed phases passed, in the environment asked for if there is one."""
-    cases = [case.phases for case in result.cell.cases if query.env and _is(case, query.env)]
+    cases = [case.phases for case in result.cell.cases if query.env and names_env(case, query.env)]
     return all(phases.get(phase) is Outcome.PASSED for phases in cases or [result.cell.phases] for phase in query.needs)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import msgspec
 
 from harness.model import Verdict
-from harness.reports.answers import inferring, recommending, traps
+from harness.reports.answers import inferring, recommending, traps, weighing
 from harness.reports.answers.inferring import Inferred
 from harness.reports.answers.measured_cells import (
     CellResult,
@@ -21,6 +21,7 @@ from harness.reports.answers.measured_cells import (
 from harness.reports.answers.never_together import Apart, find_apart, installed_releases
 from harness.reports.answers.recommending import Combination
 from harness.reports.answers.traps import Red
+from harness.reports.answers.weighing import Weighed
 
 
 class Nearby(msgspec.Struct, frozen=True, kw_only=True):
@@ -43,10 +44,10 @@ class Recommended(msgspec.Struct, frozen=True, kw_only=True):
     """The document of `recommend --json`: measured combinations, inferred ones, and those that do not work.
 
     `found` is the number of combinations that work, `measured` has the newest of them. Those in `doubtful` work, too,
-    but a silent known issue fits them that no check has shown or refuted. In `partly` only some environments work.
-    `apart` is set if the packages were never measured together. `unknown` are packages without any measurement,
-    `installed` releases that were only in locks and never run. `next` is a command that would measure what was asked
-    for.
+    but a silent known issue fits them that no check has shown or refuted. `weighed` says why the first one is first. In
+    `partly` only some environments work. `apart` is set if the packages were never measured together. `unknown` are
+    packages without any measurement, `installed` releases that were only in locks and never run. `next` is a command
+    that would measure what was asked for.
     """
 
     schema: int = 1
@@ -55,6 +56,7 @@ class Recommended(msgspec.Struct, frozen=True, kw_only=True):
     needs: tuple[str, ...]
     env: str | None
     found: int
+    weighed: Weighed | None = None
     measured: tuple[Combination, ...]
     doubtful: tuple[Combination, ...]
     partly: tuple[Partly, ...]
@@ -70,19 +72,22 @@ class Recommended(msgspec.Struct, frozen=True, kw_only=True):
 
 def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: str) -> Recommended:
     """Return everything that the measured cells say about a question; `limit` bounds the lists of combinations."""
+    every = cells
+    # Whatever is found has all the packages, and most cells have not.
+    cells = [one for one in every if all(one.version(name) for name in query.names)]
     combinations = recommending.combinations(cells, query)
     # The sort is stable: among equals the newest stays first.
-    combinations.sort(
-        key=lambda combination: bool(combination.repaired or combination.brought)
-    )  # what anybody can install goes first
-    together = None if combinations else find_apart(cells, query)
-    never_run = [name for name in query.names if not any(name in one.about for one in cells)]
+    # What anybody can install goes first, what has no lock last.
+    combinations.sort(key=lambda one: (bool(one.source), bool(one.repaired or one.brought)))
+    together = None if combinations else find_apart(every, query)
+    never_run = [name for name in query.names if not any(name in one.about for one in every if one.version(name))]
     return Recommended(
         asked=tuple(one.text for one in query.wanted),
         python=query.python,
         needs=tuple(query.needs),
         env=query.env,
         found=len(combinations),
+        weighed=weighing.weigh(every, combinations, query),
         measured=tuple(combinations[:limit]),
         doubtful=tuple(_doubtful(cells, query, combinations)[:limit]),
         partly=() if combinations else tuple(_partly(cells, query)[:limit]),
@@ -91,8 +96,8 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
         inferred=() if combinations else tuple(inferring.infer(cells, query)[:limit]),
         red=tuple(traps.find_traps(cells, query)),
         nearby=None if combinations or together else _nearby(cells, query, limit),
-        unknown=tuple(name for name in query.names if not any(one.version(name) for one in cells)),
-        installed={name: releases for name in never_run if (releases := installed_releases(cells, name))},
+        unknown=tuple(name for name in query.names if not any(one.version(name) for one in every)),
+        installed={name: releases for name in never_run if (releases := installed_releases(every, name))},
         next=next_,
     )
 
@@ -116,7 +121,7 @@ def _partly(cells: Sequence[CellResult], query: Query) -> list[Partly]:
     fits = [one for one in fits if some_work(one)]
     entries = []
     for versions, results in recommending.group_results(fits, query):
-        best = max(results, key=lambda result: sum(map(case_works, result.cell.cases)))
+        best = max(results, key=lambda result: (not result.unlocked, sum(map(case_works, result.cell.cases))))
         entries.append(
             Partly(
                 combination=recommending.combination(versions, [best]),
@@ -141,7 +146,9 @@ def _newer(cells: Sequence[CellResult], query: Query, combinations: Sequence[Com
     newest = recommending.newness(best.versions.values())
     if newest <= recommending.newness(combinations[0].versions.values()):
         return []
-    measured = any(tuple(one.version(name) for name in query.names) == tuple(best.versions.values()) for one in seen)
+    # A row of a table has other packages that are not known, so its failure says nothing of the best cell.
+    whole = [one for one in seen if one.pins or one.cell.good]
+    measured = any(tuple(one.version(name) for name in query.names) == tuple(best.versions.values()) for one in whole)
     return [] if measured else [best]
 
 

@@ -1,215 +1,299 @@
-"""Write the answer of `recommend` in words: what to install, why, at most a few traps, and the next command."""
+"""Write the answer of `recommend` in words: a command to paste, three lines why, and at most three traps."""
 
 from __future__ import annotations
 
 import shlex
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from harness.model import CASE_PHASES
 from harness.model.report_types import first_few, format_count, word
-from harness.model.schema import suggestion
-from harness.reports.answers.never_together import Apart, Half
+from harness.reports.answers.never_together import Half
 from harness.reports.answers.recommended import Partly, Recommended
 from harness.reports.answers.recommending import Combination
 from harness.reports.answers.traps import Red
-from harness.reports.text import platforms
+from harness.reports.answers.weighing import Neighbour, Weighed
+from harness.reports.install_texts import install_commands
+from harness.reports.past_results import table_files
+from harness.standalone.keys import SIMULATORS, weight
 
-VIRTUAL = ("DISPLAY", "virtual")
-"""As cells have it for which a display was started."""
 FEW = 3
 SHOWN = 5
-LONGEST = 200
-"""Characters of a line that says why."""
+ROWS = 3
+"""Rows of a terminal that a trap may take."""
+
+SPACE = "\xa0"
+"""Stands between the words of a command, where no line may be broken."""
 
 
 def lines(
-    answer: Recommended, machines: Mapping[str, Any], names: Iterable[str], width: int, *, whole: bool
+    answer: Recommended, machines: Mapping[str, Any], names: Iterable[str], width: int, tool: str, *, whole: bool
 ) -> list[str]:
-    """Return the answer as wrapped lines; `whole` leaves nothing out."""
-    paragraphs = [*_answer(answer, machines, whole=whole), *_traps(answer, whole=whole), "", "next", *_next(answer)]
-    paragraphs = [*_unknown(answer, names), *paragraphs]
-    return [line for text in paragraphs for line in wrap_line(text, width)]
+    """Return the short answer as wrapped lines: the command, why, and traps; with `whole` the rest follows."""
+    reasons = [*_unknown(answer, names), *_why(answer, machines, tool)]
+    traps = list(_trap_blocks(answer, width))
+    more = count_rest(answer)
+    return [
+        first_line(answer, tool),
+        *(["why"] if reasons else []),
+        *(row for text in reasons[:FEW] for row in wrap_line(f"  {text}", width)),
+        *(["traps"] if traps else []),
+        *(row for block in traps[:FEW] for row in block),
+        *([f"and {more}: --all"] if more and not whole else []),
+    ]
 
 
-def paste(combination: Combination) -> str:
-    """Return a line to copy: requirements, with the Python and the variables to set as a comment."""
-    shown = {name: value for name, value in combination.settings.items() if (name, value) != VIRTUAL}
-    minor = ".".join(combination.python.split(".")[:2])
-    notes = [f"Python {minor}", *(f"{name}={value}" for name, value in shown.items())]
-    # `virtual` is our own word for a display and nothing that a person could set.
-    notes += ["a display"] * (len(shown) < len(combination.settings))
-    return f"{shlex.join(combination.requirements)}  # {', '.join(notes)}"
+def first_line(answer: Recommended, tool: str) -> str:
+    """Return the answer as a command to paste: the one that installs, or the one that measures."""
+    if answer.measured:
+        return install_commands.command(answer.measured[0], tool)
+    if answer.partly and not answer.apart:
+        part = answer.partly[0]
+        total = len(part.works) + len(part.fails)
+        return f"{install_commands.command(part.combination, tool)}; {len(part.works)} of {total} tasks work"
+    if answer.doubtful:
+        return f"{install_commands.command(answer.doubtful[0], tool)}; in doubt"
+    if answer.apart:
+        command = try_command(answer.apart.requirements, answer.apart.python, answer.env)
+        return f"{command}  # never measured together"
+    return f"{answer.next}  # {'nothing that was measured works' if answer.red else 'never measured'}"
 
 
 def wrap_line(text: str, width: int) -> list[str]:
-    """Wrap a line at spaces; lines meant for copying are never broken."""
-    if len(text) <= width or "  # Python" in text or text.lstrip().startswith(("simmatrix ", "uv ")):
-        return [text]
-    indent = " " * (len(text) - len(text.lstrip()) + 2)
-    return textwrap.wrap(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    """Wrap a line at spaces; lines meant for copying are never broken, nor are the commands of a sentence."""
+    command = text.lstrip().startswith(("simmatrix ", "uv ")) or "  # Python" in text or " " not in text.strip(" ")
+    if len(text) <= width or command:
+        return [text.replace(SPACE, " ")]
+    indent = " " * (len(text) - len(text.lstrip(" ")) + 2)
+    rows = textwrap.wrap(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return [row.replace(SPACE, " ") for row in rows]
 
 
-# --- what works ------------------------------------------------------------------------------------------------
+def unbroken(*words: str) -> str:
+    """Return a command that is not broken where its line is wrapped."""
+    return SPACE.join(words)
 
 
-def _answer(answer: Recommended, machines: Mapping[str, Any], *, whole: bool) -> Iterator[str]:
-    if answer.measured:
-        first, *others = answer.measured
-        yield from _first(first, machines, whole=whole)
-        for combination in answer.newer:
-            minor = ".".join(combination.python.split(".")[:2])
-            versions = _versions(combination.versions)
-            yield f"  {versions} works on Python {minor}; on {answer.python} it was never measured:"
-            pins = [f"{name}=={version}" for name, version in combination.versions.items()]
-            yield f"    {try_command(pins, answer.python)}"
-        yield from _others(others, answer.found, machines, whole=whole)
-        if answer.doubtful:
-            yield ""
-            yield "in doubt"
-            yield from (f"  {line}" for line in _doubtful(answer.doubtful[: None if whole else 1]))
+def count_rest(answer: Recommended) -> str:
+    """Return in words what the short answer leaves out; empty if that is nothing."""
+    others = answer.found - 1 if answer.found else 0
+    causes = len(answer.red) - len(select_traps(answer)[:FEW])
+    words = [
+        format_count(others, "other combination") + " that work" + "s" * (others == 1) if others else "",
+        format_count(causes, "more trap") if causes > 0 else "",
+    ]
+    return " and ".join(filter(None, words))
+
+
+# --- why -------------------------------------------------------------------------------------------------------
+
+
+def _why(answer: Recommended, machines: Mapping[str, Any], tool: str) -> Iterator[str]:
+    if answer.measured and answer.weighed:
+        first = answer.measured[0]
+        yield weighed_words(answer.weighed, first, answer)
+        yield from list(_second(answer))[:1]
+        yield evidence(first, machines)
         return
+    for combination in answer.doubtful[:1]:
+        yield from doubt(combination)
     if answer.apart:
-        yield from _apart(answer.apart)
-    elif answer.partly:
-        yield "works in part: nothing that was measured passes as a whole"
-    elif not answer.installed and not answer.unknown and not answer.doubtful:
-        yield "no combination that was measured is known to be good"
-    yield from _doubtful(answer.doubtful[: None if whole else FEW])
-    for part in answer.partly[: None if whole else 1]:
-        yield from _partly(part)
-    for guess in answer.inferred:
-        yield f"inferred, not measured: {_versions(guess.versions)} on Python {guess.python}"
-        yield f"  {guess.why}"
-        yield f"  cells {', '.join(guess.from_cells)}"
+        yield from (half(one) for one in answer.apart.halves)
+        return
+    for part in answer.partly[:1]:
+        yield f"works: {', '.join(part.works)}; nothing that was measured passes as a whole"
+        yield evidence(part.combination, machines)
+    for guess in answer.inferred[:1]:
+        yield f"inferred, not measured: {versions_words(guess.versions)} on Python {guess.python}"
+        yield guess.why
     if answer.nearby:
-        yield f"{answer.nearby.where} there is, measured and found good:"
-        yield from (f"  {paste(one)}" for one in answer.nearby.combinations[: None if whole else FEW])
+        yield f"{answer.nearby.where}: {install_commands.command(answer.nearby.combinations[0], tool)}"
 
 
-def _first(combination: Combination, machines: Mapping[str, Any], *, whole: bool) -> Iterator[str]:
-    """Yield the combination to take, and the evidence for it."""
-    yield paste(combination)
-    passed = ", ".join(phase for phase in CASE_PHASES if combination.phases.get(phase) == "passed")
-    environments = combination.environments
-    yield f"  passed {passed} in {first_few(environments, len(environments) if whole else SHOWN)}"
-    if combination.unverified:
-        yield f"  not verified: {', '.join(combination.unverified)}"
-    where = "; ".join(_machine(name, machines) for name in combination.machines)
-    yield f"  measured {combination.measured[:10]} on Python {', '.join(combination.pythons)}; {where}"
-    if combination.repaired:
-        patched = ", ".join(combination.repaired)
-        yield f"  {patched} needs a patched wheel, which no index has: --lock-out FILE writes it, too"
-    if combination.brought:
-        yield f"  needs what no index has: {', '.join(combination.brought)}"
-    more = f", and {len(combination.cells) - 1} more" if len(combination.cells) > 1 else ""
-    yield f"  simmatrix show {combination.cell}{more and f'  #{more[1:]}'}"
-    if whole:
-        yield f"  lock {format_count(combination.lock.count('=='), 'package')}, sha256 {combination.lock_sha256[:16]}"
-        yield from (f"  {name} {' or '.join(held)}" for name, held in combination.beside.items())
+def weighed_words(weighed: Weighed, first: Combination, answer: Recommended) -> str:
+    """Return in one sentence what was weighed for a combination."""
+    python = answer.python
+    on = f" on Python {python}" if python else ""
+    which = answer.env or format_count(weighed.tasks, "task")
+    tasks = f"{which} passed {', '.join(weighed.passed)}" if weighed.tasks and weighed.passed else ""
+    if first.source:
+        rank = f"ran without an error{on}"
+    elif weighed.works == 1:
+        rank = f"the only combination measured to work{on}"
+    else:
+        rank = f"newest of {weighed.works} that work{on}"
+        if weighed.newer:
+            rank = f"newest of {weighed.works} that work{on}, but for {versions_words(weighed.newer)} ({weighed.why})"
+    where = "" if python else f" on Python {', '.join(weighed.pythons)}"
+    return f"{rank}: {tasks}{where}" if tasks else f"{rank}{where}"
 
 
-def _others(others: Sequence[Combination], total: int, machines: Mapping[str, Any], *, whole: bool) -> Iterator[str]:
-    shown = others if whole else others[:FEW]
-    if shown:
-        yield ""
-        yield "older or other combinations that work"
-    for combination in shown:
-        yield from (
-            [f"  {line}" for line in _first(combination, machines, whole=True)]
-            if whole
-            else [f"  {paste(combination)}"]
-        )
-    if total - 1 > len(shown):
-        yield f"  and {total - 1 - len(shown)} more: --all"
+def _second(answer: Recommended) -> Iterator[str]:
+    """Yield further reasons, the one that tells most first."""
+    weighed, first = answer.weighed, answer.measured[0]
+    if first.unverified:
+        yield f"not verified: {', '.join(first.unverified)}"
+    if weighed and weighed.behaves:
+        yield "; ".join(map(behaviour_words, weighed.behaves))
+    if weighed and weighed.thorough:
+        most = weighed.thorough
+        where = f"Python {', '.join(most.pythons)}"
+        yield f"most tasks: {versions_words(most.versions)}, {most.tasks} on {where}"
 
 
-def _doubtful(combinations: Iterable[Combination]) -> Iterator[str]:
-    """Yield combinations that work but that a silent known issue fits."""
-    for combination in combinations:
-        yield paste(combination)
-        yield f"  it ran, but {', '.join(combination.unverified)} fits it, and no check has shown or refuted that"
-        yield from (
-            f"  simmatrix known {name.removeprefix('silent:')}" for name in combination.unverified if ":" in name
-        )
-        yield f"  simmatrix show {combination.cell}"
+def behaviour_words(neighbour: Neighbour) -> str:
+    """Return how a release behaves next to the one before it."""
+    beside = {name: version for name, version in neighbour.beside.items() if name in SIMULATORS}
+    where = f" (with {versions_words(beside)})" if beside else ""
+    how = f"as {neighbour.before} in {neighbour.same} of {format_count(neighbour.tasks, 'task')}"
+    return f"{neighbour.package} {neighbour.version} behaves {how}{where}"
 
 
-def _partly(part: Partly) -> Iterator[str]:
-    total = len(part.works) + len(part.fails)
-    yield f"{paste(part.combination)}  # {len(part.works)} of {total} tasks"
-    yield f"  works: {', '.join(part.works)}"
-    for name, why in part.fails.items():
-        how = word(part.verdict) if part.verdict == "misleads" else "fails"
-        yield f"  {how}: {name}: {textwrap.shorten(why, LONGEST)}"
-    yield f"  simmatrix show {part.combination.cell}"
+def evidence(combination: Combination, machines: Mapping[str, Any]) -> str:
+    """Return when and where a combination was measured, and the command that opens it."""
+    opened = unbroken("simmatrix", "show", combination.cell)
+    builds = [f"{name} as {version}" for name, version in combination.builds.items() if name in combination.versions]
+    which = f" with {', '.join(builds)}" if builds else ""
+    if combination.source:
+        how = "measured by hand" if combination.source == table_files.HAND else "measured"
+        return f"{how} on {combination.measured[:10]}{which}; its lock was not kept: {opened}"
+    where = machine_words(combination.machine, machines)
+    lock = f"lock: {unbroken('--lock-out', 'FILE')}"
+    return f"measured {combination.measured[:10]}{which} on {where}; {lock}; {opened}"
 
 
-def _apart(apart: Apart) -> Iterator[str]:
-    yield f"never measured together: {', '.join(' with '.join(half.packages) for half in apart.halves)}"
-    for half in apart.halves:
-        yield f"  {_half(half)}"
+def doubt(combination: Combination) -> Iterator[str]:
+    """Yield why a combination that ran may be wrong."""
+    names = [name.removeprefix("silent:") for name in combination.unverified if ":" in name]
+    opened = "; ".join(unbroken("simmatrix", "known", name) for name in names)
+    yield f"it ran, but a known issue without an error message fits it and was not excluded: {opened}"
+    yield f"measured {combination.measured[:10]}: {unbroken('simmatrix', 'show', combination.cell)}"
 
 
-def _half(half: Half) -> str:
-    if half.combination:
-        return f"{' with '.join(half.packages)} alone works: {paste(half.combination)}"
-    if half.installed:
-        return f"{half.packages[0]} was installed too, never run: {', '.join(half.installed[:SHOWN])}"
-    return f"{' with '.join(half.packages)}: nothing measured is good"
+def half(part: Half) -> str:
+    """Return what was measured of one part of the packages."""
+    names = " with ".join(part.packages)
+    if part.combination:
+        shown = " ".join(part.combination.requirements)
+        opened = unbroken("simmatrix", "show", part.combination.cell)
+        return f"{names} alone works: {shown} on Python {install_commands.minor(part.combination)}: {opened}"
+    if part.installed:
+        return f"{part.packages[0]} was installed too, never run: {', '.join(part.installed[:SHOWN])}"
+    return f"{names}: nothing measured is good"
 
 
 def _unknown(answer: Recommended, names: Iterable[str]) -> Iterator[str]:
-
     for name in answer.unknown:
+        from harness.model.schema import suggestion  # noqa: PLC0415 - start-up
+
         yield f"{name}: nothing was measured with it{suggestion(name, names).partition('; valid')[0]}"
     for name, releases in answer.installed.items():
         yield f"{name} was installed with other packages, never run: {first_few(releases, SHOWN)}"
 
 
-# --- what does not ---------------------------------------------------------------------------------------------
+# --- traps -----------------------------------------------------------------------------------------------------
 
 
-def _traps(answer: Recommended, *, whole: bool) -> Iterator[str]:
-    # What fails in the first combination that works in part is listed with it already.
-    partly_cells = {part.combination.cell for part in answer.partly[:1]}
-    reds = [one for one in answer.red if not partly_cells & {*one.cells}]
-    shown = reds if whole else reds[:FEW]
-    if shown:
-        yield ""
-        yield "traps" if answer.measured or answer.partly else "measured, and does not work"
-    for trap in shown:
-        yield from (f"  {line}" for line in _trap(trap))
-    if len(reds) > len(shown):
-        yield f"  and {format_count(len(reds) - len(shown), 'more cause')}: --all"
+def select_traps(answer: Recommended) -> list[Red]:
+    """Return the traps to show, each known issue once, without failures of the combination that works in part."""
+    listed = {part.combination.cell for part in answer.partly[:1]}
+    shown: set[str] = set()
+    selected = []
+    for trap in answer.red:
+        if not (listed & {*trap.cells} or (trap.causes and shown.issuperset(trap.causes))):
+            selected.append(trap)
+            shown.update(trap.causes)
+    return selected
 
 
-def _trap(trap: Red) -> Iterator[str]:
-    versions = "; ".join(_versions(held) for held in trap.versions[:FEW])
-    more = f" and {len(trap.versions) - FEW} more" if len(trap.versions) > FEW else ""
+def _trap_blocks(answer: Recommended, width: int) -> Iterator[list[str]]:
+    for combination in answer.newer:
+        minor = install_commands.minor(combination)
+        works = f"{versions_words(combination.versions)} works on Python {minor}"
+        pins = [f"{name}=={version}" for name, version in combination.versions.items()]
+        command = try_command(pins, answer.python).replace(" ", SPACE)
+        yield _block(f"{works}, and was never measured as a whole on {answer.python}", "", command, width)
+    if answer.measured:
+        for combination in answer.doubtful[:1]:
+            why, opened = doubt(combination)
+            yield _block(f"{versions_words(combination.versions)}: {why}", "", opened, width)
+    for part in [] if answer.apart else answer.partly[:1]:
+        yield from _failing_tasks(part, width)
+    yield from (_block(describe_trap(trap), advice(trap), opener(trap), width) for trap in select_traps(answer))
+
+
+def _failing_tasks(part: Partly, width: int) -> Iterator[list[str]]:
+    how = "misleads" if part.verdict == "misleads" else "fails"
+    opened = unbroken("simmatrix", "show", part.combination.cell)
+    for name, why in part.fails.items():
+        yield _block(f"{how}: {name}: {why}", "", opened, width)
+
+
+def _block(text: str, do: str, opened: str, width: int) -> list[str]:
+    """Return a trap in a few rows: what fails, then what to do and the command that opens it, both shortened."""
+    together = f"    {f'do: {do}; ' if do else ''}{opened}"
+    # Where both do not fit, each has a row of its own, and the failure is cut to one.
+    fits = not do or len(together) <= width
+    actions = [together] if fits else ["    " + shorten(f"do: {do}", width - 4), f"    {opened}"]
+    rows = wrap_line(f"  {text}", width)
+    most = ROWS - len(actions)
+    if len(rows) > most:
+        last = shorten(" ".join(rows[most - 1 :]), width - 4)
+        rows = [*rows[: most - 1], f"{' ' * (4 if most > 1 else 2)}{last}"]
+    return [*rows, *(action.replace(SPACE, " ") for action in actions)]
+
+
+def shorten(text: str, width: int) -> str:
+    """Return a text cut at a space where it is too long."""
+    return textwrap.shorten(text, max(width, 10), placeholder=" ...")
+
+
+def describe_trap(trap: Red) -> str:
+    """Return what fails: versions, what decides, the tasks, and the line that says why."""
+    more = f" and {len(trap.versions) - 1} more" if len(trap.versions) > 1 else ""
+    named = trap.deciding or ({} if trap.elsewhere else trap.beside)
+    first = sorted(named, key=lambda name: -weight(name))[:FEW]
+    deciding = [f"{name} {' or '.join(named[name][:FEW])}" for name in first]
+    what = f"{versions_words(trap.versions[0])}{more}" + (f" with {', '.join(deciding)}" if deciding else "")
+    what += "" if "Python" in trap.deciding else f" on Python {', '.join(trap.pythons[:FEW])}"
     how = " or ".join(word(verdict) for verdict in trap.verdicts)
-    where = f" in {trap.phase}" if trap.phase and trap.verdicts != ("unresolvable",) else ""
-    deciding = ", ".join(f"{name} {' or '.join(held[:FEW])}" for name, held in (trap.deciding or trap.beside).items())
-    deciding = deciding and f", {'with' if trap.deciding else 'measured with'} {deciding}"
-    pythons = "" if "Python" in trap.deciding else f" on Python {', '.join(trap.pythons)}"
-    yield f"{versions}{more}{deciding}{pythons}: {how}{where}"
-    yield from (f"  {textwrap.shorten(text, LONGEST, placeholder=' ...')}" for text in (trap.line, trap.reason) if text)
-    yield from (f"  simmatrix known {name}" for name in trap.causes)
-    yield f"  simmatrix show {trap.cells[0]}"
+    tasks = first_few(trap.tasks, 2) if trap.phase not in {"resolve", "install"} else ""
+    if tasks and trap.elsewhere and not trap.deciding:
+        # These very versions work with other tasks.
+        what, how = f"{tasks} with {what}", "fails"
+    elif tasks:
+        how = f"{how} in {tasks}"
+    note = f" ({trap.measured[:10]}, first failing phase only)" if trap.first_failure_only else ""
+    return f"{what}: {how}{note}{f': {trap.line}' if trap.line else ''}"
+
+
+def advice(trap: Red) -> str:
+    """Return what to do about a trap; empty if nothing is known to help."""
+    change = ", ".join(f"{name} {value}" for name, value in trap.instead.items())
+    if trap.remedy:
+        python = "use " if trap.remedy.startswith("Python") else ""
+        return python + (trap.remedy if python else trap.remedy[0].lower() + trap.remedy[1:])
+    return f"take {change}" if change else "" if trap.elsewhere else "take the versions above"
+
+
+def opener(trap: Red) -> str:
+    """Return the command that opens a trap: its known issue, else its cell."""
+    return unbroken("simmatrix", *(("known", trap.causes[0]) if trap.causes else ("show", trap.cells[0])))
 
 
 # --- small words -----------------------------------------------------------------------------------------------
 
 
-def _versions(versions: Mapping[str, str]) -> str:
+def versions_words(versions: Mapping[str, str]) -> str:
+    """Return packages and their versions as text."""
     return ", ".join(f"{name} {version}" for name, version in versions.items())
 
 
-def _machine(name: str, machines: Mapping[str, Any]) -> str:
+def machine_words(name: str, machines: Mapping[str, Any]) -> str:
+    """Return a machine in a few words."""
     facts = machines.get(name, {})
-    gl, gpu = platforms.drawing(facts).get("vendor"), platforms.gpu_models(facts)
-    return ", ".join(str(fact) for fact in (facts.get("os"), facts.get("architecture"), gl, gpu) if fact) or name
+    words = [str(fact).replace(" GNU/Linux", "") for fact in (facts.get("os"), facts.get("architecture")) if fact]
+    return ", ".join(words) or name
 
 
 def try_command(requirements: Iterable[str], python: str | None, env: str | None = None) -> str:
@@ -217,16 +301,3 @@ def try_command(requirements: Iterable[str], python: str | None, env: str | None
     words = ["simmatrix", "try", *requirements]
     words += ["--python", python] if python else []
     return shlex.join([*words, *(["--env", env] if env else [])])
-
-
-def _next(answer: Recommended) -> Iterator[str]:
-    if answer.measured:
-        words = ["simmatrix", "recommend", *answer.asked]
-        words += ["--python", answer.python] if answer.python else []
-        words += ["--needs", ",".join(answer.needs)] if answer.needs else []
-        words += ["--env", answer.env] if answer.env else []
-        yield f"  {shlex.join([*words, '--lock-out', 'requirements.txt'])}"
-    elif answer.apart:
-        yield f"  {try_command(answer.apart.requirements, answer.apart.python, answer.env)}"
-    else:
-        yield f"  {answer.next}"

@@ -2,6 +2,9 @@
 
 Measured and inferred results are kept apart. A `Combination` has cells that work. An `Inferred` has none, and names the
 two cells between which it lies.
+
+Cells of one lock, Python, machine and variables are one environment: what their cases ran was run together, whichever
+matrices they are of.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from packaging.version import Version
 
 from harness.model import CASE_PHASES, Outcome, Phase
 from harness.model.vocabulary import settings
-from harness.reports.answers.measured_cells import CellResult, Query, find_good
+from harness.reports.answers.measured_cells import CellResult, Query, find_good, find_unlocked, is_heavy
 
 NUMPY = "numpy"
 """The package of the arrays that all others pass around: its version is never left open."""
@@ -27,7 +30,9 @@ class Combination(msgspec.Struct, frozen=True, kw_only=True):
     """Versions that work together, as measured. The fields from `cell` on belong to one of the `cells`.
 
     `beside` are versions of other chosen packages with which all of it works, too. `settings` are variables that must
-    be set for it, `repaired` are releases that no resolver accepts as the index has them.
+    be set for it, `repaired` are releases that no resolver accepts as the index has them. `builds` are versions with a
+    local part, such as `2.13.0+cpu`, which come from another index. `drawn` are the ways in which its pictures were
+    drawn. `source` is the table that it comes from if neither lock nor evidence was kept: then `lock` is empty.
     """
 
     versions: dict[str, str]
@@ -48,6 +53,9 @@ class Combination(msgspec.Struct, frozen=True, kw_only=True):
     lock_sha256: str
     lock: str
     requirements: tuple[str, ...]
+    builds: dict[str, str] = {}
+    drawn: tuple[str, ...] = ()
+    source: str = ""
 
 
 # --- measured --------------------------------------------------------------------------------------------------
@@ -56,9 +64,39 @@ class Combination(msgspec.Struct, frozen=True, kw_only=True):
 def combinations(cells: Iterable[CellResult], query: Query, limit: int | None = None) -> list[Combination]:
     """Return the combinations that work, newest first; at most `limit`.
 
-    They are compared by the packages in the order in which these were asked for.
+    They are compared by the packages in the order in which these were asked for. Those whose lock was not kept come
+    last, and only if the same versions do not work with a lock.
     """
-    return merge_results(find_good(cells, query), query, limit)
+    every = list(cells)
+    locked = group_results(find_good([*every, *join_by_lock(every)], query), query)
+    have = [versions for versions, _ in locked]
+    others = [(versions, alike) for versions, alike in group_results(find_unlocked(every, query), query)
+              if versions not in have]  # fmt: skip
+    return [combination(versions, alike) for versions, alike in [*locked, *others][:limit]]
+
+
+def join_by_lock(cells: Iterable[CellResult]) -> list[CellResult]:
+    """Return a result for each environment whose working cells ran more packages together than any of them alone."""
+    environments: dict[Any, list[CellResult]] = {}
+    for result in cells:
+        if result.works:
+            environments.setdefault(_environment(result), []).append(result)
+    several = (alike for alike in environments.values() if len(alike) > 1)
+    joined = (_join(alike) for alike in several if len({one.exercised for one in alike}) > 1)
+    return [one for one in joined if all(one.exercised > part.exercised for part in one.parts)]
+
+
+def _join(results: Sequence[CellResult]) -> CellResult:
+    """Return the results of one environment as one, which has the cases and requirements of all of them."""
+    best = max(results, key=_merit)
+    cases = {(case.env, case.api, case.case): case for one in (*results, best) for case in one.cell.cases}
+    # Where a cell noted nothing, the packages that it ran are known by its modules.
+    ran = tuple(sorted({name for one in results for name in one.exercised}))
+    noted = tuple(msgspec.structs.replace(case, exercised=ran) for case in cases.values())
+    requirements = tuple(dict.fromkeys(text for one in results for text in one.cell.requirements))
+    axes = {name: value for one in (*results, best) for name, value in one.cell.axes.items()}
+    cell = msgspec.structs.replace(best.cell, cases=noted, requirements=requirements, axes=axes)
+    return CellResult(cell=cell, measured=best.measured, newest=best.newest, parts=tuple(results))
 
 
 def merge_results(results: Iterable[CellResult], query: Query, limit: int | None = None) -> list[Combination]:
@@ -91,42 +129,52 @@ def combination(versions: dict[str, str], results: Sequence[CellResult]) -> Comb
     best = max(results, key=_merit)
     cell = best.cell
     alike = [one for one in results if _plainness(one) == _plainness(best)]
-    needed = settings(cell.supplied, best.pins)
+    needed = settings(cell.supplied, best.versions)
+    cases = [case for one in alike if _environment(one) == _environment(best) for case in one.cell.cases]
     return Combination(
         versions=versions,
         pythons=tuple(sorted({one.python for one in results}, key=Version, reverse=True)),
         machines=tuple(sorted({one.cell.machine for one in results})),
         measured=max(one.cell.measured for one in results),
-        cells=tuple(one.cell.id for one in results),
+        cells=tuple(dict.fromkeys(part.cell.id for one in results for part in one.parts or (one,))),
         beside=other_versions(alike, best, versions),
         cell=cell.id,
         machine=cell.machine,
         python=best.python,
         phases=dict(cell.phases),
         unverified=cell.unverified,
-        environments=tuple(dict.fromkeys(case.env for case in cell.cases if case.env)),
+        environments=tuple(dict.fromkeys(case.env for case in cases if case.env)),
         settings={**cell.environment, **dict(text.split("=", 1) for text in needed)},
         repaired=tuple(f"{one.package} {one.version}" for one in cell.repairs),
         brought=tuple(one.name for one in cell.brought or ()),
-        lock_sha256=str(cell.lock),
-        lock=best.measured.lock_text(str(cell.lock)),
+        lock_sha256=cell.lock or "",
+        lock=best.measured.lock_text(cell.lock) if cell.lock else "",
         requirements=tuple(pin_requirements(best, versions)),
+        builds={name: version for name, version in best.pins.items() if "+" in version},
+        drawn=tuple(sorted({case.drawn["api"] for case in cases if case.drawn.get("api")})),
+        source=cell.source,
     )
 
 
 def pin_requirements(result: CellResult, packages: Iterable[str]) -> Iterator[str]:
     """Yield the requirements to install for a cell.
 
-    These are the packages asked for, the others that the cell names, and the numpy that they share, all pinned.
+    These are the packages asked for, the others that the cell names, simulators and frameworks of its lock, packages
+    that are held back, and the numpy that they share, all pinned. A requirement of a table whose version was not kept
+    stays as it was typed.
     """
     extras: dict[str, set[str]] = {}
     for each in result.requirements:
         extras.setdefault(canonicalize_name(each.name), set()).update(each.extras)
-    for name in dict.fromkeys((*packages, *extras, *result.chosen, *({NUMPY} & result.exercised))):
+    heavy = {name for name in result.pins if is_heavy(name)}
+    others = {*heavy, *result.held_back, *({NUMPY} & result.exercised), *(result.versions if result.unlocked else ())}
+    for name in dict.fromkeys((*packages, *extras, *result.chosen, *sorted(others))):
         version = result.version(name)
         if version:
             extra = f"[{','.join(sorted(extras[name]))}]" if extras.get(name) else ""
             yield f"{name}{extra}=={public_version(version)}"
+        elif result.unlocked:
+            yield from (str(each) for each in result.requirements if canonicalize_name(each.name) == name)
 
 
 def public_version(version: str) -> str:
@@ -141,6 +189,12 @@ def other_versions(
     names = [name for name in result.chosen if name not in {*packages}]
     held = {name: {other.chosen[name] for other in results if name in other.chosen} for name in names}
     return {name: tuple(sorted(versions, key=Version, reverse=True)) for name, versions in held.items()}
+
+
+def _environment(result: CellResult) -> tuple[Any, ...]:
+    """Return what is equal for cells that were measured in one environment."""
+    cell = result.cell
+    return cell.lock or cell.id, result.python, cell.machine, tuple(sorted(cell.environment.items())), cell.empty or ()
 
 
 def _plainness(result: CellResult) -> tuple[bool, ...]:

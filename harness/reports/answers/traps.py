@@ -5,15 +5,27 @@ Versions that work elsewhere are no trap by themselves. Then the difference betw
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import msgspec
 from packaging.version import Version
 
-from harness.model import Verdict
+from harness.model import Phase, Verdict
 from harness.model.vocabulary import CHANGING
-from harness.reports.answers.measured_cells import CellResult, Query, find_fitting, find_good, some_work, works
+from harness.reports.answers.measured_cells import (
+    WAYS,
+    CellResult,
+    Query,
+    case_works,
+    find_fitting,
+    find_good,
+    find_unlocked,
+    names_env,
+    some_work,
+    works,
+)
 from harness.reports.answers.recommending import newness
 
 
@@ -22,7 +34,10 @@ class Red(msgspec.Struct, frozen=True, kw_only=True):
 
     `deciding` are the versions of packages, of Python or of variables that differ from working cells with the same
     versions of the packages asked for. It is empty if there is no such cell: then other packages that the cells asked
-    for may be at fault. `beside` are their versions.
+    for may be at fault. `beside` are their versions. `instead` are the versions of the working cell that is nearest.
+    `tasks` are the environments that fail; `elsewhere` is whether others work with these very versions. `remedy` says
+    in a few words what to do about the first of the causes. With `first_failure_only`, the evidence was not kept, and
+    phases after the failing one are not known.
     """
 
     versions: tuple[dict[str, str], ...]
@@ -36,6 +51,17 @@ class Red(msgspec.Struct, frozen=True, kw_only=True):
     reason: str | None
     link: str | None
     cells: tuple[str, ...]
+    measured: str = ""
+    tasks: tuple[str, ...] = ()
+    elsewhere: bool = False
+    instead: dict[str, str] = {}
+    remedy: str | None = None
+    source: str = ""
+    first_failure_only: bool = False
+
+
+NO_RELEASE = re.compile(r"no version of|was not found in")
+"""A typo is no measurement of packages."""
 
 
 def find_traps(cells: Sequence[CellResult], query: Query) -> list[Red]:
@@ -49,8 +75,12 @@ def find_traps(cells: Sequence[CellResult], query: Query) -> list[Red]:
     fine = {one.cell.lock for one in cells if one.works}
     reds = [one for one in matches if one.cell.verdict is not Verdict.WORKS and not works(one, query) and not one.own]
     reds = [one for one in reds if one.cell.lock is None or one.cell.lock not in fine]
-    twins = find_good(cells, Query(wanted=query.wanted, env=query.env)) or [one for one in matches if some_work(one)]
-    together = {_query_versions(one, query) for one in twins}
+    reds = [one for one in reds if not NO_RELEASE.search(one.cell.decisive or "")]
+    anywhere = Query(wanted=query.wanted, env=query.env)
+    twins = find_good(cells, anywhere) or find_unlocked(cells, anywhere) or [one for one in matches if some_work(one)]
+    together: dict[tuple[str, ...], list[CellResult]] = {}
+    for twin in twins:
+        together.setdefault(_query_versions(twin, query), []).append(twin)
     halves = [
         part
         for found in _by_cause(reds)
@@ -60,14 +90,24 @@ def find_traps(cells: Sequence[CellResult], query: Query) -> list[Red]:
         )
         if part
     ]
-    return sorted((_red(found, query, twins) for found in halves), key=_weight, reverse=True)
+    return sorted((_red(found, query, together) for found in halves), key=_weight, reverse=True)
 
 
 def _weight(trap: Red) -> tuple[Any, ...]:
-    """Return a sort key for traps: the greatest has the newest release, then no other package that decides."""
+    """Return a sort key for traps: the greatest has the newest release, then no other package that decides.
+
+    A failure of some tasks alone weighs less than one of all.
+    """
     others = {*trap.deciding, *([] if trap.deciding else trap.beside)} - {"Python"}
     first, *rest = newness(trap.versions[0].values())
-    return first, not others, not trap.deciding, tuple(rest)
+    return (
+        first,
+        not (trap.elsewhere and not trap.deciding),
+        not others,
+        not trap.deciding,
+        tuple(rest),
+        not trap.source,
+    )
 
 
 def _by_cause(reds: Sequence[CellResult]) -> list[list[CellResult]]:
@@ -76,11 +116,11 @@ def _by_cause(reds: Sequence[CellResult]) -> list[list[CellResult]]:
     for cell_result in reds:
         reasons.setdefault(_line(cell_result), set()).update(filter(None, [cell_result.reason]))
     groups: dict[tuple[Any, ...], list[CellResult]] = {}
-    # Cells with a reason come first, because `_red` takes reason and link from the first cell of a group.
-    for cell_result in sorted(reds, key=lambda result: not result.reason):
+    for cell_result in reds:
         elsewhere = reasons[_line(cell_result)] if len(reasons[_line(cell_result)]) == 1 else ()
         cause = cell_result.cell.causes or cell_result.reason or next(iter(elsewhere), None) or _line(cell_result)
-        groups.setdefault((cell_result.cell.phase, cause), []).append(cell_result)
+        # A table says less than a report does, so its rows stay apart.
+        groups.setdefault((cell_result.cell.phase, cause, cell_result.cell.source), []).append(cell_result)
     return list(groups.values())
 
 
@@ -90,25 +130,42 @@ def _line(result: CellResult) -> tuple[str | None, str]:
 
 
 def _query_versions(result: CellResult, query: Query) -> tuple[str, ...]:
-    return tuple(str(result.version(name)) for name in query.names)
+    return tuple([str(result.version(one.name)) for one in query.wanted])
 
 
-def _red(results: Sequence[CellResult], query: Query, twins: Sequence[CellResult]) -> Red:
+def _red(group: Sequence[CellResult], query: Query, twins: Mapping[tuple[str, ...], Sequence[CellResult]]) -> Red:
+    results = sorted(group, key=lambda one: newness(_query_versions(one, query)), reverse=True)
     cell = results[0].cell
+    explained = next((one for one in group if one.reason), results[0])
     held = {_query_versions(one, query) for one in results}
+    nearest = _nearest(results, query, twins)
+    failing = {name: None for one in results for name in _failing(one, query)}
     return Red(
         versions=tuple(dict(zip(query.names, one, strict=True)) for one in sorted(held, key=newness, reverse=True)),
-        deciding=_deciding(results, query, twins),
+        deciding=_deciding(nearest),
         beside=_others(results, query.names),
         pythons=tuple(sorted({one.minor for one in results}, key=Version, reverse=True)),
         verdicts=tuple(sorted({one.cell.verdict for one in results})),
         phase=cell.phase,
         causes=cell.causes,
         line=cell.decisive,
-        reason=results[0].reason,
-        link=cell.expectation.link if cell.expectation else None,
+        reason=explained.reason,
+        link=explained.cell.expectation.link if explained.cell.expectation else None,
         cells=tuple(one.cell.id for one in results),
+        measured=max(one.cell.measured for one in results),
+        tasks=tuple(failing),
+        elsewhere=bool(nearest),
+        instead=_instead(nearest),
+        remedy=next(filter(None, (results[0].measured.remedies.get(name) for name in cell.causes)), None),
+        source=cell.source,
+        first_failure_only=cell.first_failure_only,
     )
+
+
+def _failing(result: CellResult, query: Query) -> list[str]:
+    """Return the environments of a cell that fail, or the one that was asked for."""
+    cases = [case for case in result.cell.cases if case.env and not case_works(case)]
+    return [case.env for case in cases if case.env and (query.env is None or names_env(case, query.env))]
 
 
 def _others(results: Iterable[CellResult], packages: Iterable[str]) -> dict[str, tuple[str, ...]]:
@@ -124,14 +181,42 @@ def _others(results: Iterable[CellResult], packages: Iterable[str]) -> dict[str,
 # --- what decides ----------------------------------------------------------------------------------------------
 
 
-def _deciding(results: Sequence[CellResult], query: Query, twins: Sequence[CellResult]) -> dict[str, tuple[str, ...]]:
-    """Return the values that red cells have and their nearest green twins have not; empty if they have no twins."""
-    held: dict[str, set[str]] = {}
+class Difference(NamedTuple):
+    """A red cell, the working cell nearest to it, and the values in which the red one differs."""
+
+    red: CellResult
+    twin: CellResult
+    values: dict[str, str]
+
+
+def _nearest(
+    results: Iterable[CellResult], query: Query, twins: Mapping[tuple[str, ...], Sequence[CellResult]]
+) -> list[Difference]:
+    """Return the differences of red cells from their nearest green twins; those without a twin are left out."""
+    differences = []
     for result in results:
-        alike = [twin for twin in twins if _query_versions(twin, query) == _query_versions(result, query)]
-        for name, value in min((_difference(result, twin, query.names) for twin in alike), key=len, default={}).items():
+        alike = twins.get(_query_versions(result, query), ())
+        candidates = (Difference(result, twin, _difference(result, twin, query.names)) for twin in alike)
+        nearest = min(candidates, key=lambda each: len(each.values), default=None)
+        differences += [nearest] if nearest else []
+    return differences
+
+
+def _deciding(nearest: Iterable[Difference]) -> dict[str, tuple[str, ...]]:
+    """Return the values that red cells have and their nearest green twins have not."""
+    held: dict[str, set[str]] = {}
+    for difference in nearest:
+        for name, value in difference.values.items():
             held.setdefault(name, set()).add(value)
     return {name: tuple(sorted(values, reverse=True)) for name, values in sorted(held.items())}
+
+
+def _instead(nearest: Iterable[Difference]) -> dict[str, str]:
+    """Return what the nearest green twin of the first red cell has in place of what decides."""
+    for _, twin, values in nearest:
+        facts = {"Python": twin.minor, **twin.cell.environment, **twin.versions}
+        return {name: facts.get(name, "absent") for name in values}
+    return {}
 
 
 def _difference(result: CellResult, twin: CellResult, packages: Iterable[str]) -> dict[str, str]:
@@ -140,6 +225,12 @@ def _difference(result: CellResult, twin: CellResult, packages: Iterable[str]) -
     differs = {name: version for name, version in mine.items() if twin.version(name) != version}
     # Without a lock it is not known what was absent.
     gone = {name: "absent" for name in twin.chosen if name not in packages and name not in result.pins and result.pins}
-    variables = {name: value for name, value in result.variables.items() if twin.variables.get(name) != value}
-    python = {"Python": result.minor} if result.minor != twin.minor else {}
+    theirs = twin.cell.environment
+    variables = {name: value for name, value in result.variables.items() if theirs.get(name) != value}
+    # How to draw is set in most cells, and decides only where another way works.
+    ways = {WAYS: result.cell.environment.get(WAYS, ""), **variables}
+    variables = ways if ways[WAYS] and theirs.get(WAYS, ways[WAYS]) != ways[WAYS] else variables
+    # Of a row of a table other packages are not known, which may decide as well: a Python decides what installs.
+    decides = not result.unlocked or result.cell.phase in {Phase.RESOLVE, Phase.INSTALL}
+    python = {"Python": result.minor} if decides and result.minor != twin.minor else {}
     return {**gone, **differs, **variables, **python}

@@ -9,4 +9,5 @@ __all__ = [
     "progress",
     "report_markdown",
     "terminal",
+    "try_answer",
 ]

@@ -75,7 +75,9 @@ def test_measured_packages_and_known_issues_are_listed(capsys: pytest.CaptureFix
     jsonschema.validate(document, json_schema(KnownDocument))
     packages = {one["name"]: one for one in document["packages"]}
     assert {"gymnasium", "mujoco", "robosuite", "numpy"} <= packages.keys()
-    assert not {"pettingzoo", "rsl-rl-lib"} & packages.keys()
+    assert "rsl-rl-lib" not in packages
+    # No report has an environment of it: it was run by hand.
+    assert (packages["pettingzoo"]["works"], packages["pettingzoo"]["reports"]) == (["1.25.0", "1.24.3"], [])
     assert "1.4.0" in packages["gymnasium"]["works"]
     assert packages["metaworld"]["works"] == ["3.0.0"]
     assert len(document["issues"]) > 200

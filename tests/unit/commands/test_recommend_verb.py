@@ -5,11 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
+import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import pytest
+import yaml
 from packaging.version import Version
 
 from harness.__main__ import main
@@ -83,18 +87,19 @@ def test_the_lock_is_written(capsys: pytest.CaptureFixture[str], fresh: Path) ->
 
 
 def test_the_answer_comes_first(capsys: pytest.CaptureFixture[str]) -> None:
-    """A line to paste; then what passed, where, the cell; at most three traps with ids; what to type next."""
+    """A command to paste; what was weighed, when it was measured, the cell; traps with ids; what is left out."""
     main(["recommend", "gym==0.26.2", "--python", "3.10"])
 
     said = capsys.readouterr().out.splitlines()
-    assert said[0].startswith("'gym[classic_control]==0.26.2' ")
-    assert "  # Python 3.10, SDL_VIDEODRIVER=dummy" in said[0]
-    assert said[1].startswith("  passed import, single, vector, render in ")
-    assert said[2].startswith("  measured 20")
-    assert any(line.startswith("  simmatrix show gym-classic/py3.10_gym-0.26.2") for line in said)
-    assert "    simmatrix known numpy2-bool8-gym-checker" in said
-    assert 0 < sum(line.startswith("    simmatrix show ") for line in said) <= 3
-    assert said[-2:] == ["next", "  simmatrix recommend gym==0.26.2 --python 3.10 --lock-out requirements.txt"]
+    assert said[0].startswith("pip install 'gym[classic_control]==0.26.2' numpy==1.")
+    assert said[0].endswith("  # Python 3.10, SDL_VIDEODRIVER=dummy")
+    assert said[1] == "why"
+    assert " work on Python 3.10: 2 tasks passed import, single, vector, render" in " ".join("".join(said[2:4]).split())
+    assert any(line.startswith("  measured 20") for line in said)
+    assert any(line.strip().startswith("simmatrix show gym-classic/py3.10_gym-0.26.2") for line in said)
+    assert "traps" in said
+    assert 0 < len(re.findall("simmatrix known ", "\n".join(said))) <= 3
+    assert re.fullmatch(r"and (\d+ other combinations? that works? and )?\d+ more traps: --all", said[-1])
 
 
 @pytest.mark.parametrize("width", [60, 80, 140])
@@ -111,12 +116,102 @@ def test_lines_fit_the_terminal(
     assert all(len(line) <= width for line in said if line not in pasted)
 
 
-@pytest.mark.parametrize("name", ["pettingzoo", "rsl-rl-lib", "pandas"])
+def rows(line: str, width: int = 80) -> int:
+    """Return the rows of a terminal that a line takes."""
+    return max(-(-len(line) // width), 1)
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        ["gymnasium", "mujoco", "--python", "3.12"],
+        ["gymnasium", "mujoco"],
+        ["robosuite", "torch"],
+        ["gymnasium", "mujoco", "stable-baselines3"],
+        ["robosuite", "gymnasium"],
+        ["metaworld==3.1.1"],
+        ["gym==0.26.2"],
+        ["gym==0.21.0"],
+        ["numpy"],
+        ["isaaclab"],
+        ["ale-py", "--offline"],
+        ["gymnasium", "--env", "LunarLander-v3"],
+        ["gymnasium==1.0.0", "mujoco==3.6.0", "--python", "3.11", "--offline"],
+    ],
+    ids=" ".join,
+)
+def test_the_answer_fits_a_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, asked: list[str]
+) -> None:
+    """24 lines of 80 columns: a command, at most three reasons, at most three traps of three lines."""
+    monkeypatch.setenv("COLUMNS", "80")
+    code = main(["recommend", *asked])
+
+    said = capsys.readouterr().out.splitlines()
+    assert sum(map(rows, said)) <= 24
+    assert said[0].startswith(("pip install ", "simmatrix try ", "simmatrix recommend "))
+    assert "  # " in said[0]
+    assert code == (1 if said[0].startswith("simmatrix try ") or "tasks work" in said[0] else 0)
+    places = [said.index(name) if name in said else len(said) for name in ("why", "traps")]
+    reasons = [line for line in said[places[0] + 1 : places[1]] if re.match(" {2}[^ ]", line)]
+    traps = [line for line in said[places[1] + 1 :] if re.match(" {2}[^ ]", line)]
+    assert 0 <= len(reasons) <= 3
+    assert len(traps) <= 3
+    assert reasons or traps
+
+
+def test_what_was_weighed_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """How many combinations work, the tasks, and how each release behaves against the one before it."""
+    _, document = recommend(capsys, "gymnasium", "mujoco", "--python", "3.12")
+    report = json.loads((REPORTS / "drift-mujoco" / "report.json").read_text())
+    cells = {cell["id"]: cell for cell in report["cells"]}
+
+    weighed, first = document["weighed"], document["measured"][0]
+    assert (weighed["works"], weighed["newer"]) == (document["found"], {})
+    assert weighed["tasks"] == len(first["environments"]) > 1
+    (mujoco,) = (one for one in weighed["behaves"] if one["package"] == "mujoco")
+    cases = {case["case"]: case["behaviour"] for case in cells[mujoco["cell"]]["cases"] if case.get("behaviour")}
+    before = {one["reference"] for one in cases.values()} - {None}
+    assert (mujoco["version"], mujoco["tasks"]) == (first["versions"]["mujoco"], len(cases))
+    letters = {
+        case["case"]: case["behaviour"]["family"]
+        for name in before
+        for case in cells[name]["cases"]
+        if case.get("behaviour")
+    }
+    assert mujoco["same"] == sum(bool({*one["family"]} & {*letters[name]} - {*"'?"}) for name, one in cases.items())
+    assert 0 < mujoco["same"] < mujoco["tasks"]
+
+
+def test_a_combination_of_a_table_is_marked(capsys: pytest.CaptureFixture[str], fresh: Path) -> None:
+    """Measured by hand: its date, and that its lock was not kept; a red one says what is not known."""
+    code = main(["recommend", "pettingzoo", "--lock-out", "lock.txt"])
+
+    said = capsys.readouterr()
+    assert (code, said.out.splitlines()[0].startswith("pip install 'pettingzoo[classic]==1.25.0' ")) == (0, True)
+    assert "  measured by hand on 2026-11-20; its lock was not kept:" in said.out
+    assert " fails (2026-11-22, first failing phase only): No module named 'pygame' " in " ".join(said.out.split())
+    assert said.err.endswith("was not kept: no lock was written\n")
+    assert not (fresh / "lock.txt").exists()
+
+
+def test_what_has_a_lock_goes_first(capsys: pytest.CaptureFixture[str]) -> None:
+    """A newer release whose lock was not kept is named, and does not go first."""
+    _, document = recommend(capsys, "minigrid")
+
+    assert [one["source"] for one in document["measured"]] == ["", "tests/real/measured.toml"]
+    assert document["weighed"]["newer"] == document["measured"][1]["versions"]
+    assert document["weighed"]["why"] == "its lock was not kept"
+
+
+@pytest.mark.parametrize("name", ["rsl-rl-lib", "pandas"])
 def test_a_package_that_never_ran_is_never_good(capsys: pytest.CaptureFixture[str], name: str) -> None:
     """Packages that only lay in locks of the shipped results."""
     assert main(["recommend", name]) == 1
 
-    assert capsys.readouterr().out.startswith(f"{name} was installed with other packages, never run: ")
+    said = capsys.readouterr().out
+    assert said.startswith(f"simmatrix try {name}  # never measured\nwhy\n")
+    assert f"\n  {name} was installed with other packages, never run: " in said
 
 
 def test_never_measured_together_is_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
@@ -126,10 +221,11 @@ def test_never_measured_together_is_an_answer(capsys: pytest.CaptureFixture[str]
 
     said = capsys.readouterr().out.splitlines()
     assert (code, document["measured"], len(document["apart"]["halves"])) == (1, [], 2)
-    assert said[0] == "never measured together: robosuite, torch"
-    assert said[1].startswith("  robosuite alone works: robosuite==")
-    assert said[-1].startswith("  simmatrix try robosuite==")
-    assert " torch==" in said[-1]
+    assert said[0].startswith("simmatrix try robosuite==")
+    assert " torch==" in said[0]
+    assert said[0].endswith("  # never measured together")
+    assert said[2].startswith("  robosuite alone works: robosuite==")
+    assert any(line.startswith("  torch alone works: torch==") for line in said)
 
 
 def test_a_release_in_part_says_what_works(capsys: pytest.CaptureFixture[str]) -> None:
@@ -137,7 +233,9 @@ def test_a_release_in_part_says_what_works(capsys: pytest.CaptureFixture[str]) -
     main(["recommend", "metaworld==3.1.1"])
 
     said = capsys.readouterr().out
-    assert "  works: reach-v3\n  fails: reach-v3-seeded: " in said
+    assert said.startswith("pip install metaworld==3.1.1 ")
+    assert "; 1 of 2 tasks work\nwhy\n  works: reach-v3; " in said
+    assert "\ntraps\n  fails: reach-v3-seeded: " in said
 
 
 def test_unknown_says_what_would_measure_it(capsys: pytest.CaptureFixture[str]) -> None:
@@ -147,7 +245,7 @@ def test_unknown_says_what_would_measure_it(capsys: pytest.CaptureFixture[str]) 
     said = capsys.readouterr()
     assert (code, said.err) == (1, "note: the package index could not be asked whether this exists: gymnasiun\n")
     assert 'gymnasiun: nothing was measured with it; did you mean "gymnasium"?' in said.out
-    assert said.out.endswith("next\n  simmatrix try gymnasiun --python 3.11 --env Ant-v5\n")
+    assert said.out.startswith("simmatrix try gymnasiun --python 3.11 --env Ant-v5  # never measured\n")
 
 
 def test_results_of_other_pythons_are_shown(capsys: pytest.CaptureFixture[str]) -> None:
@@ -170,7 +268,53 @@ def test_inferred_is_no_answer(capsys: pytest.CaptureFixture[str]) -> None:
     low, high = (Version(cells[name]["installed"]["mujoco"]) for name in one["from_cells"])
     assert low < Version("3.6.0") < high
     main(["recommend", "gymnasium==1.0.0", "mujoco==3.6.0", "--python", "3.11", "--offline"])
-    assert "inferred, not measured: gymnasium 1.0.0, mujoco 3.6.0 on Python 3.11" in capsys.readouterr().out
+    assert "\n  inferred, not measured: gymnasium 1.0.0, mujoco 3.6.0 on Python 3.11" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [
+        ("conda", lambda text: yaml.safe_load(text)["dependencies"][0] == "python=3.11"),
+        ("pyproject", lambda text: tomllib.loads(text)["project"]["requires-python"] == "==3.11.*"),
+        ("dockerfile", lambda text: "\nFROM python:3.11-slim-bookworm\n" in text),
+    ],
+)
+def test_a_file_is_all_of_stdout(capsys: pytest.CaptureFixture[str], name: str, read: Callable[[str], bool]) -> None:
+    """A file of a tool stands alone on stdout, with cell, Python, day and variables in its head."""
+    assert main(["recommend", "gymnasium", "mujoco", "--python", "3.11", "--format", name]) == 0
+
+    said = capsys.readouterr().out
+    assert read(said)
+    assert re.match(
+        r"# simmatrix: [\w-]+/py3.11_\S+\n# Python 3\.11\.7, measured 20\S+ on linux\S+\n# set: MUJOCO_GL=", said
+    )
+
+
+def test_no_file_without_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
+    """Where nothing works stdout stays empty: the answer in words goes to stderr."""
+    assert main(["recommend", "robosuite", "torch", "--format", "conda"]) == 1
+
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("simmatrix try robosuite==")
+
+
+def test_a_patched_wheel_needs_its_lock(capsys: pytest.CaptureFixture[str]) -> None:
+    """No file installs a wheel that no index has; `--lock-out` is named."""
+    assert main(["recommend", "gym==0.21.0", "--format", "conda"]) == 2
+    assert "no index has gym 0.21.0 as it was measured; --lock-out FILE" in capsys.readouterr().err
+
+
+def test_every_combination_and_trap_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    """`--all` adds every combination with its cells, every trap, and what to type for the lock."""
+    _, document = recommend(capsys, "robosuite", "--limit", "99")
+    main(["recommend", "robosuite", "--all"])
+
+    said = capsys.readouterr().out
+    cells = {cell for one in (*document["measured"], *document["red"]) for cell in one["cells"]}
+    assert document["found"] == len(document["measured"])
+    assert all(f"simmatrix show {cell}\n" in said for cell in cells)
+    assert said.endswith("next\n  simmatrix recommend robosuite --lock-out requirements.txt\n")
 
 
 @pytest.mark.parametrize(

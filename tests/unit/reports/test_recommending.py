@@ -396,6 +396,170 @@ def test_the_install_command_keeps_extras_and_numpy(world: World) -> None:
     assert one.requirements == ("torch==2.13.0", "gymnasium[mujoco]==1.4.0", "numpy==2.4.6")
 
 
+# --- one environment, several matrices -------------------------------------------------------------------------
+
+
+def test_cells_of_one_lock_are_one_measurement(world: World) -> None:
+    """What cells of different matrices ran in one environment was run together: the union is an answer."""
+    pins = {"aa": "1.0", "bb": "2.0", "cc": "3.0"}
+    one = world.add("3.11", pins, axes={"python": "3.11"}, cases=[case("a", exercised=["aa", "bb"])])
+    other = world.add(
+        "3.11", pins, suffix="-x", matrix="n", axes={"python": "3.11"}, cases=[case("b", "Hop-v1", exercised=["cc"])]
+    )
+
+    (joined,) = world.combinations("aa", "bb", "cc")
+
+    assert joined.versions == pins
+    assert {*joined.cells} == {one, other}
+    assert {*joined.environments} == {"Ant-v5", "Hop-v1"}
+
+
+@pytest.mark.parametrize(
+    "more",
+    [{"environment": {"A": "b"}}, {"machine": "another"}, {"verdict": "partial"}, {"python": "3.12"}],
+    ids=["variables", "machine", "red", "Python"],
+)
+def test_cells_of_other_environments_are_not_joined(world: World, more: dict[str, Any]) -> None:
+    """The same lock with other variables, on another machine or Python, or where it does not work, is another thing."""
+    pins = {"aa": "1.0", "bb": "2.0"}
+    world.add("3.11", pins, axes={"python": "3.11"}, cases=[case("a", exercised=["aa"])])
+    python = more.get("python", "3.11")
+    changed = {name: value for name, value in more.items() if name != "python"}
+    world.add(python, pins, suffix="-x", axes={"python": python}, cases=[case("b", exercised=["bb"])], **changed)
+
+    assert not world.combinations("aa", "bb")
+    assert world.answer("aa", "bb").apart is not None
+
+
+# --- weighed ---------------------------------------------------------------------------------------------------
+
+
+def behaving(family: str, reference: str | None = None, name: str = "a") -> dict[str, Any]:
+    """Return a case with its behaviour."""
+    return case(name, f"{name}-v1", behaviour={"bank": "", "family": family, "reference": reference})
+
+
+def test_neighbours_that_behave_alike_are_counted(world: World) -> None:
+    """Families of each task against the release before: letters are compared, a doubt is no agreement."""
+    before = world.add("3.11", {"aa": "1.0"}, cases=[behaving(letter, name=letter) for letter in "ABCD"])
+    cases = [behaving(*pair, name=name) for name, pair in
+             zip("ABCD", [("A'", before), ("BC", before), ("D", before), ("D?", before)], strict=True)]  # fmt: skip
+    world.add("3.11", {"aa": "1.1"}, cases=cases)
+
+    weighed = world.answer("aa").weighed
+
+    assert weighed is not None
+    assert (weighed.works, weighed.tasks, weighed.newer, weighed.pythons) == (2, 4, {}, ("3.11",))
+    (found,) = weighed.behaves
+    assert (found.package, found.version, found.before, found.same, found.tasks) == ("aa", "1.1", "1.0", 2, 4)
+
+
+def test_a_neighbour_differs_in_one_package(world: World) -> None:
+    """If the cell before differs in another package, too, nothing is said of either."""
+    before = world.add("3.11", {"aa": "1.0", "bb": "1.0"}, cases=[behaving("A")])
+    world.add("3.11", {"aa": "1.1", "bb": "1.1"}, cases=[behaving("A", before)])
+
+    weighed = world.answer("aa").weighed
+
+    assert weighed is not None
+    assert weighed.behaves == ()
+
+
+def test_a_combination_with_many_more_tasks_is_named(world: World) -> None:
+    """The newest goes first; an older one that was measured with twice the tasks is named beside it."""
+    world.add("3.11", {"aa": "1.0"}, cases=[case(name, f"{name}-v1") for name in "abc"])
+    world.add("3.11", {"aa": "1.1"}, cases=[case("a")])
+
+    weighed = world.answer("aa").weighed
+
+    assert weighed is not None
+    assert weighed.thorough is not None
+    assert (weighed.thorough.versions, weighed.thorough.tasks) == ({"aa": "1.0"}, 3)
+
+
+# --- without a lock --------------------------------------------------------------------------------------------
+
+
+def add_row(world: World, versions: Mapping[str, str], verdict: str = "works", **more: Any) -> str:
+    """Add a cell of a table, which has no lock; return its id."""
+    requirements = [f"{name}=={version}" for name, version in versions.items()]
+    cell = measured_cell(
+        f"row_{'-'.join(versions.values())}", verdict, "3.11",
+        **{
+            "measured": "2026-11-20T00:00:00Z", "phases": ALL, "axes": {"python": "3.11"}, "lock": None,
+            "requirements": requirements, "installed": dict(versions), "cases": [case("a", api="aa")],
+            "source": "some/table.toml", "first_failure_only": verdict != "works", **more,
+        },
+    )  # fmt: skip
+    world.cells.append(cell)
+    return cell.id
+
+
+def test_rows_of_tables_come_after_locks(world: World) -> None:
+    """A newer row goes last, and only where the same versions have no lock; it has no lock text."""
+    world.add("3.11", {"aa": "1.0"})
+    add_row(world, {"aa": "1.0", "numpy": "1.0"})
+    row = add_row(world, {"aa": "2.0", "numpy": "2.0"}, requirements=["aa==2.0", "zz<3"])
+
+    answer = world.answer("aa")
+    first, last = answer.measured
+
+    assert (first.versions, first.source) == ({"aa": "1.0"}, "")
+    assert (last.versions, last.source, last.lock, last.cell) == ({"aa": "2.0"}, "some/table.toml", "", row)
+    assert last.requirements == ("aa==2.0", "zz<3", "numpy==2.0"), "as typed where no version was kept"
+    assert answer.weighed is not None
+    assert (answer.weighed.newer, answer.weighed.why) == ({"aa": "2.0"}, "its lock was not kept")
+
+
+def test_nothing_is_inferred_from_rows(world: World) -> None:
+    """Of a row other packages are not known: nothing lies between two of them."""
+    for version in ("3.3.0", "3.3.2"):
+        add_row(world, {"aa": version})
+
+    assert not world.inferred("aa==3.3.1")
+
+
+def test_a_red_row_is_a_trap_with_its_date(world: World) -> None:
+    """It says what is not known; that another Python works decides nothing, where other packages are unknown."""
+    world.add("3.10", {"aa": "1.0"})
+    add_row(world, {"aa": "1.0"}, "broken", cases=[case("a", phases={"single": "failed"})], decisive="no wings")
+
+    (trap,) = world.red("aa")
+
+    assert (trap.first_failure_only, trap.measured[:10], trap.deciding, trap.tasks) == (
+        True, "2026-11-20", {}, ("Ant-v5",),
+    )  # fmt: skip
+    assert trap.elsewhere
+
+
+def test_a_typo_is_no_trap(world: World) -> None:
+    """A release that never was says nothing of packages."""
+    line = "Because there is no version of aa==9 and you require aa==9"
+    add_row(world, {"aa": "9"}, "unresolvable", decisive=line, installed=None)
+
+    assert world.red("aa") == []
+
+
+def test_packages_that_were_held_back_are_pinned(world: World) -> None:
+    """Other cells of the same Python have a newer release of a deciding package: something held it back."""
+    world.add("3.11", {"bb": "1.0", "scipy": "1.17.0", "zz": "2"}, imported=["scipy"])
+    pins = {"aa": "1.0", "scipy": "1.11.0", "zz": "1"}
+    world.add("3.11", pins, axes={"python": "3.11", "aa": "1.0"}, imported=["scipy"])
+
+    (one,) = world.combinations("aa")
+
+    assert one.requirements == ("aa==1.0", "scipy==1.11.0")
+
+
+def test_a_package_that_only_a_check_ran_counts(world: World) -> None:
+    """A check of training runs its library, whose environments there are none of."""
+    pins = {"aa": "1.0", "stable-baselines3": "2.0"}
+    checks = {"interop.sb3.learn": "passed"}
+    world.add("3.11", pins, cases=[case("a", exercised=["aa"], checks=checks)])
+
+    assert world.combinations("stable-baselines3")
+
+
 # --- red -------------------------------------------------------------------------------------------------------
 
 
@@ -432,7 +596,19 @@ def test_the_python_that_decides_is_named(world: World) -> None:
     world.add("3.11", {"aa": "1.0"})
     world.add("3.13", {"aa": "1.0", "zz": "1"}, "broken", axes={"python": "3.13", "aa": "1.0"})
 
-    assert [one.deciding for one in world.red("aa")] == [{"Python": ("3.13",)}]
+    (trap,) = world.red("aa")
+    assert (trap.deciding, trap.instead) == ({"Python": ("3.13",)}, {"Python": "3.11"})
+
+
+def test_the_variable_that_decides_is_named(world: World) -> None:
+    """A way of drawing that fails while another one works with the same versions is what decides."""
+    world.add("3.11", {"aa": "1.0"}, environment={"MUJOCO_GL": "egl"})
+    world.add("3.11", {"aa": "1.0", "zz": "1"}, "broken", suffix="-x", axes={"python": "3.11", "aa": "1.0"},
+              environment={"MUJOCO_GL": "elg"})  # fmt: skip
+
+    (trap,) = world.red("aa")
+
+    assert (trap.deciding, trap.instead) == ({"MUJOCO_GL": ("elg",)}, {"MUJOCO_GL": "egl"})
 
 
 def test_unknown_red_ones_by_what_a_matrix_says_of_their_line() -> None:
