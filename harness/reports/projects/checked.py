@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from enum import StrEnum
 
@@ -39,6 +39,8 @@ class Kind(StrEnum):
 
 
 FAULTS = frozenset({Kind.BAD, Kind.ADMITS, Kind.CHANGES, Kind.CONFLICT})
+FAIL_ON = (Kind.CONFLICT, Kind.BAD, Kind.ADMITS, Kind.CHANGES, Kind.UNMEASURED)
+"""Kinds that an exit code may tell, all of them unless others are asked for."""
 
 
 class CheckFinding(msgspec.Struct, frozen=True, kw_only=True):
@@ -110,12 +112,16 @@ def _with_fixes(findings: Sequence[CheckFinding]) -> Iterator[CheckFinding]:
         yield msgspec.structs.replace(finding, fix=fix) if fix else finding
 
 
-def exit_code(document: Checked) -> int:
-    """Return 1 where something fails or may change, 3 where something was never measured, else 0."""
+def exit_code(document: Checked, fail_on: Collection[str] = FAIL_ON) -> int:
+    """Return 1 where something fails or may change, 3 where something was never measured, else 0.
+
+    Only the kinds in `fail_on` count.
+    """
     kinds = {finding.kind for finding in document.findings}
-    if kinds & FAULTS:
+    if kinds & FAULTS & {*fail_on}:
         return 1
-    return 3 if Kind.UNMEASURED in kinds or Kind.GOOD not in kinds else 0
+    unmeasured = Kind.UNMEASURED in kinds or Kind.GOOD not in kinds
+    return 3 if unmeasured and Kind.UNMEASURED in fail_on else 0
 
 
 # --- one set of packages ---------------------------------------------------------------------------------------

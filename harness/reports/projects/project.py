@@ -99,7 +99,8 @@ def read_files(paths: Sequence[Path], extras: Sequence[str], groups: Sequence[st
             unjudged.append(f"{requirement.name}: taken from an address, which no index knows")
         elif _applies(requirement, variables):
             texts.setdefault(canonicalize_name(requirement.name), []).append(requirement)
-    if not texts and not unjudged:
+    # A pyproject.toml may be there for tools alone.
+    if not texts and not unjudged and all(path.suffix != ".toml" for path in paths):
         message = f"{source}: asks for no package"
         raise BadInput(message)
     constraints = _bounds(given.constraints, variables)
