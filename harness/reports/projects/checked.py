@@ -134,6 +134,8 @@ def _of_set(each: MeasuredSet, project: Project, env: str | None) -> Iterator[Ch
     if not fitting:
         yield _unmeasured(each, project)
         return
+    # A table tells the first failure of one task: it counts where no report has these versions.
+    fitting = [result for result in fitting if not result.cell.source] or fitting
     good = [result for result in fitting if any(task.works for task in _tasks_of([result], project, env))]
     if good:
         newest = max(_newness(result, each.names) for result in good)
@@ -169,7 +171,11 @@ def _good(each: MeasuredSet, works: Sequence[Task], project: Project) -> CheckFi
     best = works[0].result
     apart = measured_sets.differences(best, project)
     there = ", ".join(f"{name} {measured} (here {own})" for name, (own, measured) in sorted(apart.items()))
-    text = f"{_versions(best, each.names)} run {_tasks(works)}" + (f"; measured with {there}" if there else "")
+    text = (
+        f"{_versions(best, each.names)} run {_tasks(works)}"
+        + (f"; measured with {there}" if there else "")
+        + _origin(best)
+    )
     return CheckFinding(
         kind=Kind.GOOD,
         text=text,
@@ -180,13 +186,21 @@ def _good(each: MeasuredSet, works: Sequence[Task], project: Project) -> CheckFi
     )
 
 
+def _origin(result: CellResult) -> str:
+    """Return, of a result that a table holds, what was not kept."""
+    if not result.cell.source:
+        return ""
+    only = ", and the first failing phase only" if result.cell.first_failure_only else ""
+    return f"; a table has it without its lock{only}"
+
+
 def _bad(each: MeasuredSet, fails: Sequence[Task], fitting: Sequence[CellResult], count: int) -> CheckFinding:
     result = fails[0].result if fails else fitting[0]
     line = next((task.line for task in fails if task.line), result.cell.decisive)
     of = f"{len(fails)} of {count} tasks fail: {_names(fails)}" if fails else f"it {word(result)}"
     return CheckFinding(
         kind=Kind.BAD,
-        text=f"{_versions(result, each.names)}: {of}",
+        text=f"{_versions(result, each.names)}: {of}{_origin(result)}",
         versions=_held(result, each.names),
         python=result.python,
         measured=result.cell.measured,
@@ -232,7 +246,7 @@ def _admits(
     how = f"{len(fails)} of {len(tasks)} tasks fail: {_names(fails)}" if fails else word(result)
     return CheckFinding(
         kind=Kind.ADMITS,
-        text=f"{shown}{more}{f' with {deciding}' if deciding else ''}: {how}",
+        text=f"{shown}{more}{f' with {deciding}' if deciding else ''}: {how}{_origin(result)}",
         versions=trap.versions[0],
         python=result.python,
         measured=result.cell.measured,

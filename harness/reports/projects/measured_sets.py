@@ -6,8 +6,10 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from packaging.utils import canonicalize_name
 from packaging.version import Version
 
+from harness.model import Verdict
 from harness.model.measured import MeasuredCell
 from harness.model.report_types import CaseEntry
 from harness.reports.answers.measured_cells import CellResult, case_works, is_heavy
@@ -18,6 +20,7 @@ from harness.standalone.versions import is_version, version
 
 NO_MODULE = re.compile(r"No module named '([\w.]+)'")
 
+NUMPY = "numpy"
 NUMPY_MINORS = 2
 """NumPy removed names in minor releases before this major one."""
 
@@ -53,7 +56,9 @@ def find_sets(cells: Iterable[CellResult], project: Project) -> list[MeasuredSet
             groups.setdefault(names, []).append(result)
     held = [names for names in groups if any(fits(each, project) for each in groups[names])]
     telling = [names for names in groups if names in held or any(each.works for each in groups[names])]
-    shown = [names for names in telling if not any(names < other for other in held)]
+    # A table of single combinations hides no report about fewer packages.
+    reported = [names for names in held if any(not each.cell.source for each in groups[names])]
+    shown = [names for names in telling if not any(names < other for other in reported)]
     largest = [names for names in shown if names in held or not any(names < other for other in telling)]
     ordered = sorted(largest, key=lambda names: (-len(names), sorted(names)))
     return [
@@ -78,9 +83,33 @@ def fits(result: CellResult, project: Project, *, any_python: bool = False) -> b
     """
     if not any_python and not project.admits_python(result.python):
         return False
-    if _missing(result) in project.packages:
+    if _missing(result) in project.packages or _installs_elsewhere(result, project) or _lacks_numpy(result, project):
         return False
     return not any(_differs(name, held, project) for name, held in result.counted_versions.items())
+
+
+def _installs_elsewhere(result: CellResult, project: Project) -> bool:
+    """Return whether a cell could not be installed in a way that says nothing of a project.
+
+    An environment at hand is installed; and a file asks for nothing that an extra would bring which it does not name.
+    """
+    if result.cell.verdict not in {Verdict.UNRESOLVABLE, Verdict.UNINSTALLABLE}:
+        return False
+    if project.interpreter is not None:
+        return True
+    extras = {(canonicalize_name(each.name), extra) for each in result.requirements for extra in each.extras}
+    return any(canonicalize_name(extra) not in _extras(project, name) for name, extra in extras)
+
+
+def _extras(project: Project, name: str) -> frozenset[str]:
+    declared = project.packages.get(name)
+    return declared.extras if declared else frozenset()
+
+
+def _lacks_numpy(result: CellResult, project: Project) -> bool:
+    """Return whether a project pins NumPy, and it is not known which one a cell had that works."""
+    numpy = project.packages.get(NUMPY)
+    return bool(result.cell.good and numpy and numpy.pinned and result.version(NUMPY) is None)
 
 
 def _missing(result: CellResult) -> str | None:
@@ -101,7 +130,7 @@ def _differs(name: str, held: str, project: Project) -> bool:
 
 def _generation(name: str, text: str) -> tuple[int, ...]:
     numbers: tuple[int, ...] = version(text).release
-    fine = name == "numpy" and numbers[0] < NUMPY_MINORS
+    fine = name == NUMPY and numbers[0] < NUMPY_MINORS
     return numbers[:2] if fine else numbers[:1]
 
 
