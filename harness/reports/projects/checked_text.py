@@ -21,13 +21,12 @@ LABELS = {
 }
 PURPOSES = {Kind.CHANGES: "within which nothing changes"}
 WIDTH = max(map(len, LABELS.values())) + 2
-ORDER = (Kind.CONFLICT, Kind.BAD, Kind.ADMITS, Kind.CHANGES, Kind.UNMEASURED, Kind.GOOD, Kind.EXCLUDES)
 
 
 def lines(document: Checked, most: int | None = None) -> Iterator[str]:
     """Yield the lines; at most so many findings of a kind."""
     yield f"{document.source}: {_sum(document)}"
-    for kind in ORDER:
+    for kind in Kind:
         findings = [finding for finding in document.findings if finding.kind is kind]
         for finding in findings[:most]:
             yield from _finding(finding)

@@ -243,6 +243,8 @@ class TestSchema:
             "compare",
             "freeze",
             "recommend",
+            "check",
+            "upgrade",
             "known",
             "repair",
             "manifest",
