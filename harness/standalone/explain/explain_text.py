@@ -13,8 +13,9 @@ from ..failures.matching import Around, Diagnosis, Evidence
 from ..requirements import requirement
 from ..versions import specifiers, unsatisfiable
 from .api_history import Load, no_history
-from .derived_causes import derive
+from ..causes.derived_causes import derive
 from .failure_text import QUOTED, START, Failure, read_failure
+from .mentions import is_mention
 from .version_hints import Hints, hints
 
 NOTE, WARNING = "note", "warning"
@@ -128,10 +129,13 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
     text_hints = hints(failure.text)
     killed = here.signal or failure.signal
     sure, could = _candidates(signatures, _around(here, text_hints, failure), here.python or text_hints.python)
+    if is_mention(failure.text) and not (here.failed or here.signal):
+        failure = failure._replace(failed=False, decisive=None, lines=())
+        sure = could = []
     if not failure.failed and len(failure.text.split("\n", QUOTED)) > QUOTED:
         sure = could = []  # a log of what went well may mention what is known to fail
     hits, aside = _hits(sure, failure, killed)
-    if failure.failed or failure.text.count("\n") < QUOTED:
+    if failure.failed or (failure.text.count("\n") < QUOTED and not is_mention(failure.text)):
         derived = derive(failure, text_hints, here.installed, here.python, here.history)
         first = [hit for hit in hits if _is_exact(hit) and _where(hit, failure) is DECISIVE]
         hits = (*first, *derived, *(hit for hit in hits if hit not in first))
