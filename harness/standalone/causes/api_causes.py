@@ -69,7 +69,6 @@ def causes(line: str, scene: Scene) -> Causes:
             # Of several packages that differ in it, none is accused.
             yield from list(answers.values()) if len(answers) == 1 else ()
             return
-    yield from _absent(line, scene)
 
 
 Answers = Iterator[Tuple[str, Optional[Availability]]]
@@ -183,7 +182,7 @@ def _schema(line: str, scene: Scene) -> Answers:
     yield what, where(history, [(place, place) for place in places], scene, history.ran)
 
 
-def _absent(line: str, scene: Scene) -> Causes:
+def absent(line: str, scene: Scene) -> Causes:
     """Yield the cause that a whole package, or a module that came with older Pythons, is missing."""
     match = MODULE.search(line)
     if match is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Callable, Dict, List, Mapping, Optional, Sequence
+from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
 from ..explain.api_history import Load
 from ..explain.failure_text import QUOTED, Failure
@@ -26,22 +26,29 @@ from . import (
 )
 from .scene import Cause, Causes, Scene
 
-RULES: Sequence[Callable[[str, Scene], Causes]] = (
-    mujoco_binaries.causes,
-    saved_objects.causes,
-    installer_conflicts.causes,
-    missing_releases.causes,
-    build_causes.causes,
-    installer_refusals.causes,
-    environment_ids.causes,
-    graphics_causes.causes,
-    gpu_causes.causes,
-    native_causes.causes,
-    missing_files.causes,
-    api_causes.causes,
-    call_causes.causes,
+Rule = Callable[[str, Scene], Causes]
+
+RULES: Sequence[Tuple[Rule, bool]] = (
+    (installer_conflicts.causes, False),
+    (missing_releases.causes, False),
+    (environment_ids.released, False),
+    (mujoco_binaries.causes, True),
+    (saved_objects.causes, True),
+    (build_causes.causes, True),
+    (installer_refusals.causes, True),
+    (environment_ids.causes, True),
+    (graphics_causes.causes, True),
+    (gpu_causes.causes, True),
+    (native_causes.causes, True),
+    (missing_files.causes, True),
+    (api_causes.causes, False),
+    (api_causes.absent, True),
+    (call_causes.causes, False),
 )
-"""What is specific goes first: of several causes of one line the first counts."""
+"""The rules, what is specific first, and whether a rule is broad: then whatever is documented of the line goes before.
+
+The first rule that knows a line answers for it.
+"""
 
 MOST = 2
 """Causes of one line."""
@@ -56,18 +63,17 @@ def derive(
     scene = Scene(failure, versions, installed, python or hints.python, load)
     causes: Dict[str, Diagnosis] = {}
     for line in _lines(failure):
-        for cause in _of_line(line, scene):
-            causes.setdefault(cause.subject, _diagnosis(line, cause))
+        for cause, broad in _of_line(line, scene):
+            causes.setdefault(cause.subject, _diagnosis(line, cause, broad=broad))
     return list(causes.values())
 
 
-def _of_line(line: str, scene: Scene) -> List[Cause]:
-    found: List[Cause] = []
-    for rule in RULES:
-        found += rule(line, scene)
-        if found:
-            return found[:MOST]
-    return found
+def _of_line(line: str, scene: Scene) -> List[Tuple[Cause, bool]]:
+    for rule, broad in RULES:
+        causes = [(cause, broad) for cause in rule(line, scene)]
+        if causes:
+            return causes[:MOST]
+    return []
 
 
 def _lines(failure: Failure) -> List[str]:
@@ -77,7 +83,7 @@ def _lines(failure: Failure) -> List[str]:
     return list(dict.fromkeys([*failure.lines, *(short if not failure.raised else ())]))
 
 
-def _diagnosis(line: str, cause: Cause) -> Diagnosis:
+def _diagnosis(line: str, cause: Cause, *, broad: bool) -> Diagnosis:
     name = "derived:{}".format(cause.subject)
     signature = Signature(
         plain={"id": name, "cause": cause.text, "remedy": cause.remedy, "derived": True},
@@ -88,7 +94,7 @@ def _diagnosis(line: str, cause: Cause) -> Diagnosis:
         packages=(),
         python=None,
         masks=False,
-        generic=False,
+        generic=broad,
         silent=False,
     )
     return Diagnosis(signature=signature, phase=None, seen=line, is_reason=True)

@@ -54,26 +54,34 @@ MYOSUITE = "2.4"
 """The first release of myosuite that requires gymnasium; those before it require gym."""
 
 
+def released(line: str, scene: Scene) -> Causes:
+    """Yield the release that has the environment id of a line, where the releases of gym or gymnasium differ in it."""
+    name, _ = _named(line)
+    answers = list(_of_histories(name, scene)) if name else []
+    yield from answers if len(answers) == 1 else ()
+
+
 def causes(line: str, scene: Scene) -> Causes:
-    """Yield the cause where an environment id is not registered, or a game has no ROM."""
+    """Yield the cause where the package of an environment id did not register it, or a game has no ROM."""
     if ROMS.search(line):
         yield _roms(scene)
         return
-    match, namespace = UNKNOWN_ID.search(line), NAMESPACE.search(line)
-    if (match is None and namespace is None) or not IS_ERROR.search(line):
-        return
-    space = next(filter(None, namespace.groups())) if namespace else ""
-    name = match.group(1).rstrip(".`'\"") if match else space
-    identifier = "{}/{}".format(space, name) if space and "/" not in name and name != space else name
-    released = list(_of_histories(identifier, scene))
-    if released:
-        yield from released if len(released) == 1 else ()
-        return
-    module, _, bare = identifier.rpartition(":")
-    for pattern, package, importing in OWNERS:
+    name, space = _named(line)
+    module, _, bare = name.rpartition(":")
+    for pattern, package, importing in OWNERS if name else ():
         if re.match(pattern, bare) or (space and re.match(pattern, space + "/")):
             yield _unregistered(bare, package, module or importing, scene)
             return
+
+
+def _named(line: str) -> Tuple[str, str]:
+    """Return the environment id that a line says is unknown, and its namespace; both are empty without one."""
+    match, namespace = UNKNOWN_ID.search(line), NAMESPACE.search(line)
+    if (match is None and namespace is None) or not IS_ERROR.search(line):
+        return "", ""
+    space = next(filter(None, namespace.groups())) if namespace else ""
+    name = match.group(1).rstrip(".`'\"") if match else space
+    return "{}/{}".format(space, name) if space and "/" not in name and name != space else name, space
 
 
 def _of_histories(name: str, scene: Scene) -> Causes:

@@ -104,6 +104,21 @@ def _is_pasted(failure: Failure) -> bool:
     return len(failure.text.split("\n", QUOTED)) <= QUOTED and START not in failure.text
 
 
+def _with_derived(hits: Sequence[Diagnosis], derived: Sequence[Diagnosis], failure: Failure) -> Tuple[Diagnosis, ...]:
+    """Return documented and derived causes in one order.
+
+    What a person wrote down for exactly this failure goes first; what a broad rule derives comes after all that is
+    documented of this failure alone.
+    """
+    exact = [hit for hit in hits if _is_exact(hit) and _where(hit, failure) is DECISIVE]
+    specific = [hit for hit in hits if hit not in exact and not hit.generic and not hit.masks]
+    rest = [hit for hit in hits if hit not in exact and hit not in specific]
+    precise = [hit for hit in derived if not hit.generic]
+    documented = [hit.seen for hit in (*exact, *specific)]
+    broad = [hit for hit in derived if hit.generic and not any(_in(seen, hit.seen) for seen in documented)]
+    return (*exact, *precise, *specific, *broad, *rest)
+
+
 def _is_exact(hit: Diagnosis) -> bool:
     """Return whether a person wrote down what to install instead, for exactly this failure."""
     return not hit.signature.generic and bool(hit.signature.plain.get("remedy", {}).get("requirements"))
@@ -137,8 +152,7 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
     hits, aside = _hits(sure, failure, killed)
     if failure.failed or (failure.text.count("\n") < QUOTED and not is_mention(failure.text)):
         derived = derive(failure, text_hints, here.installed, here.python, here.history)
-        first = [hit for hit in hits if _is_exact(hit) and _where(hit, failure) is DECISIVE]
-        hits = (*first, *derived, *(hit for hit in hits if hit not in first))
+        hits = _with_derived(hits, derived, failure)
     mentions = (MENTION.format(hit.seen, hit.signature.id) for hit in aside[:SHOWN])
     findings: List[Tuple[str, str, str]] = [("besides", NOTE, mention) for mention in mentions]
     if _deepest(hits) is None:
