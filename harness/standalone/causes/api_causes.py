@@ -32,7 +32,7 @@ SCHEMA = Pattern(
     r"(?:: {0}?(\w+){0}?)?(?:\W+Element {0}(\w+){0})?".format(QUOTE),
     "Schema violation",
 )
-SHORTEST = 6
+SHORTEST = 5
 """Characters of a name that no line of a user's own has by accident."""
 
 STANDARD = {
@@ -97,7 +97,7 @@ def _some_module(line: str, scene: Scene) -> Answers:
     name = match.group(1)
     for package in packages_with("names", name):
         history = scene.history(package)
-        modules = [module for module, names in (history.plain if history else {}).get("names", {}).items() if name in names]
+        modules = [module for module, names in (history.plain if history else {}).get("names", {}).items() if name in names and "." not in module]
         if history is not None and modules:
             module = min(modules, key=len)
             # No Python of the last ten years writes so: the environment is as old, and its packages are.

@@ -12,9 +12,9 @@ from .scene import PACKAGE, Cause, Causes, Pattern, Scene
 BUILT = Pattern(
     r"(?:Failed building (?:wheel|editable) for|Could not build wheels for|Failed to build(?: installable wheels for)?"
     r"(?: some pyproject\.toml based projects \()?|Failed to download and build|Encountered error while (?:trying to"
-    r" install package|generating package metadata)\.?:?|Running setup\.py (?:install|bdist_wheel) for)"
+    r" install package|generating package metadata)\.?:?|Running setup\.py (?:install|bdist_wheel) for|Building (?:wheel|editable) for)"
     r" `?({0})(?:==(\d[\w.]*))?".format(PACKAGE),
-    "Failed building", "Could not build", "Failed to build", "Failed to download", "Encountered error", "Running setup.py",
+    "Failed building", "Could not build", "Failed to build", "Failed to download", "Encountered error", "Running setup.py", "Building ",
 )  # fmt: skip
 ERROR_ONLY = re.compile(r"\.\.\. error|did not run successfully|[Ff]ail|[Cc]ould not|Encountered error")
 REPLACED: Dict[str, Tuple[str, Dict[str, Any]]] = {
@@ -22,7 +22,7 @@ REPLACED: Dict[str, Tuple[str, Dict[str, Any]]] = {
     "box2d-py": ("the package `box2d` brings the same module, with wheels", {"requirements": ["box2d"]}),
     "box2d-kengz": ("the package `box2d` brings the same module, with wheels", {"requirements": ["box2d"]}),
     "mujoco-py": (
-        "the package `mujoco` replaces it, with wheels and without a compiler",
+        "its build needs the files of MuJoCo 2.1, a C compiler and GL headers; the package `mujoco` replaces it",
         {"requirements": ["mujoco"], "text": "Ids of gymnasium that end in -v4 and -v5 use it."},
     ),
     "gym": ("gymnasium replaces it", {"build_constraints": ["setuptools<66", "wheel<0.40"], "requirements": ["gym"]}),

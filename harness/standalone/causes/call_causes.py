@@ -15,7 +15,7 @@ UNEXPECTED = Pattern(
     "unexpected keyword argument",
 )
 LACKING = Pattern(
-    r"({0})\(\) missing \d+ required (?:positional|keyword-only) arguments?: (.+)".format(DOTTED), "() missing "
+    r"(?:({0})\(\) )?missing \d+ required (?:positional|keyword-only) arguments?: (.+)".format(DOTTED), "missing "
 )
 TAKES = Pattern(
     r"({0})\(\) takes (?:from \d+ to )?(\d+) positional arguments? but (\d+)"
@@ -25,6 +25,9 @@ TAKES = Pattern(
 UNPACK = Pattern(
     r"(not enough|too many) values to unpack \(expected (\d)(?:, got (\d))?\)", "values to unpack"
 )
+ALIKE = 2
+"""Packages that may be named for one call."""
+
 SPREAD = 3
 """Classes that one word of a line by itself may mean."""
 
@@ -43,8 +46,9 @@ def causes(line: str, scene: Scene) -> Causes:
         for history, there in _fitting(call, scene):
             text = _words(call, history, there)
             answers.setdefault(there.package, Cause(there.package, text, requirement_remedy(there.bound)))
-    # Of several packages that differ in it, none is accused.
-    yield from list(answers.values()) if len(answers) == 1 else ()
+    # Of several packages that differ in it, none is accused, unless they changed alike, as gym and gymnasium did.
+    sides = {cause.remedy["requirements"][0].partition("<")[1] for cause in answers.values()}
+    yield from list(answers.values()) if len(answers) == 1 or (len(answers) == ALIKE and sides == {"<"}) else ()
 
 
 class Call(NamedTuple):
@@ -71,7 +75,7 @@ def _calls(line: str) -> Iterator[Call]:
         names = re.findall(r"['\"](\w+)['\"]", lacking.group(2))
         if names:
             what = "can be called without `{}`".format("` and `".join(names))
-            yield Call(lacking.group(1), names[0], lambda parameters: not set(names) & set(_required(parameters)), what)
+            yield Call(lacking.group(1) or "__init__", names[0], lambda parameters: not set(names) & set(_required(parameters)), what)
     elif takes:
         function, count = takes.group(1), int(takes.group(3))
         what = "takes {} positional arguments, self among them".format(count)

@@ -9,20 +9,22 @@ from ..explain.api_history import Availability
 from .scene import QUOTE, Cause, Causes, Pattern, Scene
 
 UNKNOWN_ID = Pattern(
-    "(?:Environment|No registered env with id:?|No registered environment with (?:name|id):?|Unknown environment:?"
+    "(?:Environment|\\bEnv(?= )|No registered env with id:?|No registered environment with (?:name|id):?|Unknown environment:?"
     "|Namespace|Module|not find (?:the )?environment:?) ?{0}?([\\w:./-]+?){0}?(?: doesn't exist| not found|[.,!`'\"\\s]|$)"
     .format(QUOTE),
-    "nvironment", "registered env", "Namespace",
+    "nvironment", "registered env", "Namespace", "Env ",
 )  # fmt: skip
-IS_ERROR = re.compile(r"Error|Exception|NotFound|No registered|doesn't exist|Namespace \S+ not found|not find")
+IS_ERROR = re.compile(r"Error|DeprecatedEnv|Exception|NotFound|No registered|doesn't exist|Namespace \S+ not found|not find")
 NAMESPACE = Pattern(r"in namespace (\w+)|Namespace {0}?(\w+){0}? (?:not found|does ?n.t exist)".format(QUOTE), "amespace ")
 ROMS = Pattern(
     r"ROM is missing for (\w+)|[Uu]nable to find (?:the )?game \W?(\w+)|ROM file for .* not found|Please install roms"
     r"|rom file .* (?:missing|not found)|We're Unable to find the game",
     "ROM", "rom", "find game", "find the game",
 )  # fmt: skip
+SUGGESTED = Pattern(r"Did you mean: [`'\"]?([\w:./-]+)", "Did you mean")
+VALID = Pattern(r"valid versions include \[([^\]]*)\]", "valid versions include")
 OWNERS: Tuple[Tuple[str, str, str], ...] = (
-    (r"ALE/|(?:Pong|Breakout|SpaceInvaders|Seaquest|MsPacman|Qbert|BeamRider|Enduro|Boxing|Freeway|Assault|Asterix|Alien)"
+    (r"ALE/|\w+(?:NoFrameskip|Deterministic)|(?:Pong|Breakout|SpaceInvaders|Seaquest|MsPacman|Qbert|BeamRider|Enduro|Boxing|Freeway|Assault|Asterix|Alien)"
      r"(?:NoFrameskip|Deterministic|-ram|-v\d|$)", "ale-py", "ale_py"),
     (r"myo\w+|motor\w+Custom", "myosuite", "myosuite"),
     (r"Fetch(?:Reach|Push|Slide|PickAndPlace)|HandManipulate|HandReach|AdroitHand|FrankaKitchen|PointMaze_|AntMaze_",
@@ -68,10 +70,42 @@ def causes(line: str, scene: Scene) -> Causes:
         return
     name, space = _named(line)
     module, _, bare = name.rpartition(":")
+    near, valid = SUGGESTED.search(line), VALID.search(line)
+    if valid and name:
+        yield from _older(bare, valid.group(1))
+        return
     for pattern, package, importing in OWNERS if name else ():
         if re.match(pattern, bare) or (space and re.match(pattern, space + "/")):
-            yield _unregistered(bare, package, module or importing, scene)
+            there = near is not None and re.match(pattern, near.group(1)) is not None
+            yield (
+                _misspelt(bare, str(near.group(1)), package)
+                if near is not None and there
+                else _unregistered(bare, package, module or importing, scene)
+            )
             return
+
+
+def _misspelt(name: str, near: str, package: str) -> Cause:
+    """Return the cause that a package is there, and registers other ids than this."""
+    text = "{} is loaded and registers no `{}`; `{}` is the nearest id that it has".format(package, name, near)
+    way = "Ask for an id that is registered: `print(gymnasium.registry.keys())` lists them."
+    if name.startswith("ALE/") and re.search(r"NoFrameskip|Deterministic|-ram", name):
+        way = "Ids that end in NoFrameskip-v4 have no namespace: leave `ALE/` out. Those with it end in -v5."
+    return Cause("environment-id", text, {"text": way})
+
+
+def _older(name: str, valid: str) -> Causes:
+    """Yield the cause that only other versions of an environment are registered."""
+    wanted = re.search(r"-v(\d+)$", name)
+    versions = [int(each) for each in re.findall(r"-v(\d+)", valid)]
+    if not wanted or not versions:
+        return
+    if name.startswith("ALE/"):
+        text = "the namespace ALE came with gym 0.20 and ale-py 0.7; the installed gym is older"
+        yield Cause("gym", text, {"requirements": ["gym>=0.20"], "text": "Or ask for an id without `ALE/`."})
+    elif int(wanted.group(1)) > max(versions):
+        text = "the installed release registers older versions of `{}` only: {}".format(name, valid)
+        yield Cause("environment-id", text, {"text": "Upgrade the package that registers it, or ask for one of these."})
 
 
 def _named(line: str) -> Tuple[str, str]:

@@ -30,7 +30,7 @@ MISMATCH = Pattern(
     "mismatches the version",
 )
 CUDNN = Pattern(
-    r"Loaded runtime CuDNN library: (\d[\d.]*) but source was compiled with: (\d[\d.]*)|Unable to load cuDNN"
+    r"Loaded runtime CuDNN library: (\d+(?:\.\d+)*) but source was compiled with: (\d+(?:\.\d+)*)|Unable to load cuDNN"
     r"|libcudnn\w*\.so\.?[\d.]*: (?:cannot open|undefined)|DNN library initialization failed|CUDNN_STATUS_NOT_INITIALIZED"
     r"|DNN library is not found",
     "CuDNN", "cuDNN", "libcudnn", "DNN library", "CUDNN",
@@ -193,7 +193,7 @@ def _jax(line: str, scene: Scene) -> Optional[Cause]:
             text = "jax needs jaxlib {} or newer, and jaxlib {} is installed".format(least, lib)
             return Cause("jaxlib", text, {"requirements": ["jaxlib>={}".format(least)]})
         return Cause("jaxlib", "jaxlib, the compiled part of JAX, is not installed", {"requirements": ["jax[cpu]"]})
-    if JAX_CPU.search(line) and JAX_ERROR.search(line) and scene.speaks_of("jax", "jaxlib", "xla_bridge"):
+    if JAX_CPU.search(line) and JAX_ERROR.search(line) and scene.speaks_of("jax", "jaxlib", "xla_bridge", "PJRT", "XLA"):
         text = "this JAX is the build for the CPU, or its CUDA plugin does not load"
         return Cause("jax", text, {"requirements": ["jax[cuda12]"], "text": "JAX needs an NVIDIA driver of 525 or newer."})
     return None

@@ -11,9 +11,10 @@ VULKAN = Pattern(
     r"|VK_ERROR_\w+|[Ff]ailed to find a (?:rendering device|supported physical device)|loader_\w+: .*(?:ICD|vk\w+)"
     r"|vkCreateInstance|vkEnumeratePhysicalDevices|Vulkan ICD|icd.*(?:not found|missing)|Vulkan is not (?:supported|available)"
     r"|[Ff]ailed to (?:create|initialize) (?:a )?[Vv]ulkan|No (?:Vulkan|rendering|compatible) (?:physical )?device"
-    r"|[Cc]ould ?n.t find (?:a )?[Vv]ulkan|carb\.graphics-vulkan",
+    r"|[Cc]ould ?n.t find (?:a )?[Vv]ulkan|carb\.graphics-vulkan|required Vulkan extension is not present",
     "vk", "VK_", "ERROR_", "rendering device", "physical device", "ulkan", "loader_", "icd",
 )  # fmt: skip
+SURFACE = Pattern(r"vk::\w+::(?:get|create)\w*Surface\w*: Error", "urface")
 MEMORY = re.compile(r"OutOf(?:Device|Host)Memory|OUT_OF_(?:DEVICE|HOST)_MEMORY|DeviceLost|DEVICE_LOST")
 DISPLAY = Pattern(
     r"X11: The DISPLAY environment variable is missing|X11: Failed to open display|NoSuchDisplayException"
@@ -34,17 +35,23 @@ OSMESA = Pattern(
     "OSMesa", "glGetError",
 )  # fmt: skip
 CONTEXT = Pattern(
-    r"[Ff]ailed to create (?:an? )?(?:OpenGL|GL|GLX|window|GLFW window)|GLEW initali?zation error|gladLoadGL error"
-    r"|Missing GL version|no OpenGL (?:context|\w+ context)|OpenGL .*version .*(?:not supported|or higher)"
+    r"[Ff]ailed to create (?:an? )?(?:OpenGL|GL|GLX|window|GLFW window)|gladLoadGL error"
+    r"|no OpenGL (?:context|\w+ context)|OpenGL .*version .*(?:not supported|or higher)"
     r"|GLX: (?:Failed|No GLX)|NoSuchConfigException|ContextException|could not create (?:GL|window)",
-    "ontext", "GLEW", "glad", "GL version", "OpenGL", "GLX", "NoSuchConfig", "window",
+    "ontext", "glad", "OpenGL", "GLX", "NoSuchConfig", "window",
 )  # fmt: skip
 SERVER = "On a machine without a screen set `MUJOCO_GL=egl` (or `osmesa`) before Python starts, or run it by `xvfb-run -a`."
 
 
 def causes(line: str, scene: Scene) -> Causes:
     """Yield the cause where a line says that a renderer, its driver or a display is missing."""
-    if VULKAN.search(line) and not MEMORY.search(line):
+    if SURFACE.search(line):
+        yield Cause(
+            "display",
+            "the renderer wants a Vulkan surface for a window, and there is no display for it",
+            {"text": "Render off screen: no viewer, and in old SAPIEN `VulkanRenderer(offscreen_only=True)`."},
+        )
+    elif VULKAN.search(line) and not MEMORY.search(line):
         yield Cause(
             "vulkan-driver",
             "Vulkan finds no usable driver for a GPU: the NVIDIA driver's Vulkan part (its ICD file nvidia_icd.json), or"

@@ -9,7 +9,7 @@ from ..versions import canonical, is_version
 from ..versions import version as parsed_version
 from .scene import PACKAGE, Cause, Causes, Pattern, Scene, requirement_remedy
 
-BOUND = r"((?:[<>=!~]=?=?\s?[\w.*+!]+,?\s?)+)"
+BOUND = r"((?:[<>=!~]=?=?\s?[\w.*+!]+,?\s?(?:and )?)+)"
 INCOMPATIBLE = Pattern(
     r"({0}) (\d\S*) (?:requires|has requirement) ({0})(?:\[[\w,-]*\])?\s?\(?{1}\)?(?:; [^,]+)?, but you(?:'ll)? have"
     r" (?:\3|{0}) (\S+) which is incompatible".format(PACKAGE, BOUND),
@@ -20,7 +20,9 @@ ABSENT = Pattern(
     "which is not installed",
 )
 DEPENDS = Pattern(
-    r"({0}(?:\[[\w,-]+\])?)(?: |==|-)(\d[\w.!+]*) depends on ({0})(?:\[[\w,-]+\])?\s?\(?{1}".format(PACKAGE, BOUND),
+    r"({0}(?:\[[\w,-]+\])?)(?: \(?|==|-)(\d[\w.!+]*)\)? depends on ({0})(?:\[[\w,-]+\])?\s?\(?{1}".format(
+        PACKAGE, BOUND
+    ),
     " depends on ",
 )
 UV_NONE = Pattern(
@@ -139,4 +141,4 @@ def _unsatisfied(line: str, scene: Scene) -> Optional[Cause]:
 
 
 def _bare(bound: str) -> str:
-    return bound.replace(" ", "").rstrip(",.")
+    return bound.replace(" and ", ",").replace(" ", "").rstrip(",.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import Optional
 
 from ..explain.import_names import package_with
 from ..versions import canonical
@@ -20,6 +21,8 @@ COMMAND = Pattern(
     "pip install ", "pip3 install ", "uv add ",
 )  # fmt: skip
 ABSENT = Pattern(r"^\W*(?:\w+(?:Error|NotInstalled): )?([A-Za-z]\w+) (?:is )?not (?:found|installed)\b", "not found", "not installed")
+GONE = Pattern(r"^\W*(?:ResolvePackageNotFound|PackagesNotFoundError|nothing provides requested)[^-]*?-? ?\b([\w.-]+) ?==?=?([\w.]+)(?:[= ](\w+))?",
+               "ResolvePackageNotFound", "PackagesNotFoundError", "nothing provides requested")
 NEEDED = Pattern(r"nothing provides (\S+)(?: (\S+))? needed by ([\w.-]+?)-(\d[\w.]*)", "nothing provides ")
 
 
@@ -36,6 +39,8 @@ def causes(line: str, scene: Scene) -> Causes:
             "zsh reads the brackets in `{}` as a pattern of file names; no installer has seen them".format(name),
             {"text": "Type quotes around it: `pip install '{}'`.".format(name)},
         )
+    elif GONE.search(line):
+        yield _gone(GONE.search(line))
     elif needed:
         wanted, bound, package, version = needed.groups()
         text = "conda's channels have no {} {}, which {} {} needs".format(wanted, bound or "", package, version)
@@ -54,6 +59,18 @@ def causes(line: str, scene: Scene) -> Causes:
         name = package_with(absent.group(1)) if absent else None
         if name:
             yield Cause(name, "the package {} is not installed for this Python".format(name), {"requirements": [name]})
+
+
+def _gone(match: "Optional[re.Match[str]]") -> Cause:
+    """Return the cause that the channels of conda have no such release, or no such build of it."""
+    name, version, build = match.groups() if match else ("", "", "")
+    if build:
+        text = "conda's channels have no build {} of {} {} for this platform".format(build, name, version)
+        way = "Remove the builds (what follows the second =) from the file: `conda env export --no-builds` makes it so."
+        return Cause(canonical(name), text, {"text": way})
+    text = "conda's channels have no {} {} for this platform".format(name, version)
+    way = "Type `-c conda-forge`, or install it by pip: `pip install {}=={}`.".format(name, version)
+    return Cause(canonical(name), text, {"text": way})
 
 
 def _extra(match: "re.Match[str]", scene: Scene) -> Cause:

@@ -60,7 +60,8 @@ def read_failure(text: str, *, surely: bool = False) -> Failure:
     # Without a traceback an installer's reason is what a person would quote.
     decisive = gave_up if gave_up and not picked else said.decisive_line(text)
     marked = bool(picked or gave_up or killed or MARKED.search(text) or NAMED.search(text))
-    marked = marked or (len(lines) <= QUOTED and RAISED.search(text) is not None)
+    if len(lines) <= QUOTED:
+        marked = marked or RAISED.search(text) is not None or COMPLAINS.search(text) is not None
     failed = marked or surely
     first = decisive if failed else None
     every = [line for line in [first, *reversed(picked), *_complaints(lines)] if line]
@@ -204,6 +205,13 @@ RAISED = re.compile(
     re.MULTILINE,
 )
 """The beginning of an exception that is not called an error. Other lines begin so, too: it counts in short texts."""
+
+COMPLAINS = re.compile(
+    r"\berror: \D|\b(?:[Cc]annot|[Cc]ould not|[Uu]nable to|[Ff]ailed to|[Nn]ot found|[Nn]o such|[Ii]ncompatible|[Cc]onflict\w*"
+    r"|[Uu]ndefined symbol|is not installed|[Uu]nsupported|does not (?:exist|provide)|not available|no longer supported"
+    r"|has been removed|[Nn]o matching|[Ii]nvalid)\b"
+)
+"""Words of a short text that complains; a log has them in lines that stopped nothing."""
 
 QUOTED = 4
 """Lines of a text that is no log: somebody asks what they mean."""
