@@ -1,6 +1,7 @@
 """Use this machine: processes under the supervisor, files and file locks, interpreters, displays, memory."""
 
 __all__ = [
+    "cache_path",
     "console",
     "debian_packages",
     "display",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Dict, Iterator, List, Optional, Tuple
 
-from ..explain.api_history import Availability, History
+from ..explain.api_history import OF_IMPORT, Availability, History
 from ..explain.history_words import packages_with
 from ..explain.import_names import package_with
 from .scene import DOTTED, QUOTE, WORD, Cause, Causes, Pattern, Scene, requirement_remedy
@@ -213,6 +213,8 @@ def spoken_of(scene: Scene, name: str, kind: str, word: str) -> Iterator[History
     """
     tops = [name.partition(".")[0]] if "." in name else []
     tops += scene.modules
+    if not word and scene.is_pasted:
+        tops += [module for module in OF_IMPORT if scene.speaks_of(module)]
     histories = [history for history in map(scene.history_with, tops) if history is not None]
     if not histories and scene.is_pasted:
         histories = [history for history in map(scene.history, packages_with(kind, word)) if history is not None]

@@ -10,7 +10,7 @@ from ..failures.counting import select_counting
 from ..failures.lines import MASKS, shorten_line
 from ..failures.machine_trouble import SHORTAGES, UNREACHABLE
 from ..failures.matching import Around, Diagnosis, Evidence
-from ..requirements import requirement
+from ..requirements import named
 from ..versions import specifiers, unsatisfiable
 from .api_history import Load, no_history
 from ..causes.derived_causes import derive
@@ -157,15 +157,15 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
     findings: List[Tuple[str, str, str]] = [("besides", NOTE, mention) for mention in mentions]
     if _deepest(hits) is None:
         possible = _hits(could, failure, killed)[0]
-        named = [hit for hit in possible if _mentions_packages(hit.signature, failure.text)]
+        spoken = [hit for hit in possible if _mentions_packages(hit.signature, failure.text)]
         # Between two broad causes a text without versions cannot decide.
-        pasted = [hit for hit in named or possible if hit.signature.pattern] if _is_pasted(failure) else []
-        if len(named) == 1 or 0 < len(pasted) <= LIKELY:
-            likely = named if len(named) == 1 else pasted
+        pasted = [hit for hit in spoken or possible if hit.signature.pattern] if _is_pasted(failure) else []
+        if len(spoken) == 1 or 0 < len(pasted) <= LIKELY:
+            likely = spoken if len(spoken) == 1 else pasted
             hits = (*likely, *hits)
             findings += [("packages", NOTE, _describe_condition(hit.signature)) for hit in likely]
         else:
-            findings += [("possible", NOTE, _possible(hit)) for hit in (named or possible)[:SHOWN]]
+            findings += [("possible", NOTE, _possible(hit)) for hit in (spoken or possible)[:SHOWN]]
     # A known line that somebody only quotes counts as a failure, though no word in it says so.
     if not failure.failed and hits:
         failure = failure._replace(failed=True, decisive=hits[0].seen)
@@ -187,9 +187,9 @@ def _around(here: Facts, text_hints: Hints, failure: Failure) -> Around:
     hinted = dict(text_hints.packages)
     if here.installed is not None and failure.phase not in INSTALLING:
         return Around(installed=here.installed)
-    named = {requirement(text).name for text in here.requirements}
-    there = {name: version for name, version in (here.installed or {}).items() if name not in named}
-    pins = ("{}=={}".format(*pair) for pair in {**there, **hinted}.items() if pair[0] not in named)
+    asked = {named(text) for text in here.requirements}
+    there = {name: version for name, version in (here.installed or {}).items() if name not in asked}
+    pins = ("{}=={}".format(*pair) for pair in {**there, **hinted}.items() if pair[0] not in asked)
     return Around(requirements=(*here.requirements, *pins))
 
 
@@ -224,7 +224,7 @@ def _of_python(signature: matching.Signature, python: Optional[str]) -> bool:
 
 def _mentions_packages(signature: matching.Signature, text: str) -> bool:
     """Return whether a text speaks of each package that takes part."""
-    return all(any(_speaks(requirement(each).name, text) for each in part) for part in signature.packages)
+    return all(any(_speaks(named(each), text) for each in part) for part in signature.packages)
 
 
 TOOLS = {

@@ -207,7 +207,7 @@ RAISED = re.compile(
 """The beginning of an exception that is not called an error. Other lines begin so, too: it counts in short texts."""
 
 COMPLAINS = re.compile(
-    r"\berror: \D|\b(?:[Cc]annot|[Cc]ould not|[Uu]nable to|[Ff]ailed to|[Nn]ot found|[Nn]o such|[Ii]ncompatible|[Cc]onflict\w*"
+    r"(?<!returned )\berror: \D|\b(?:[Cc]annot|[Cc]ould not|[Uu]nable to|[Ff]ailed to|[Nn]ot found|[Ii]ncompatible|[Cc]onflict\w*"
     r"|[Uu]ndefined symbol|is not installed|[Uu]nsupported|does not (?:exist|provide)|not available|no longer supported"
     r"|has been removed|[Nn]o matching|[Ii]nvalid)\b"
 )

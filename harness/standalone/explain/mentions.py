@@ -24,6 +24,10 @@ PAST = re.compile(
 """Words of a text that tells of a failure that is over, or that may come."""
 
 
+LONGEST = 8000
+"""Characters of a text that somebody wrote by hand; a longer one is a log."""
+
+
 def is_mention(text: str) -> bool:
     """Return whether a text only mentions failures: it says that they are over, or what to do about them."""
-    return START not in text and PAST.search(text) is not None and SHOWN.search(text) is None
+    return len(text) < LONGEST and START not in text and PAST.search(text) is not None and SHOWN.search(text) is None
