@@ -83,7 +83,8 @@ def read_failure(text: str, *, surely: bool = False) -> Failure:
 def _region(lines: Sequence[str], decisive: Optional[str]) -> str:
     """Return the traceback that ends with the decisive line; empty if there is none."""
     begin = (decisive or "").partition(" / ")[0][:80]
-    ends = [place for place, line in enumerate(lines) if shorten_line(line).startswith(begin)]
+    word = begin.partition(" ")[0]
+    ends = [place for place, line in enumerate(lines) if word in line and shorten_line(line).startswith(begin)]
     if not ends:
         return ""
     starts = [place for place in range(ends[-1]) if START in lines[place]]
@@ -300,10 +301,17 @@ KILLED = (
 )
 
 
+IN_KILLED = (
+    ("SIG",), ("egmentation fault",), ("Aborted", "terminate called"), ("Illegal instruction",), ("loating point",),
+    ("Bus error",), ("Killed", "exit"),
+)  # fmt: skip
+"""Literals of these patterns: most texts have none, which is seen quickly."""
+
+
 def _signal(text: str) -> Optional[str]:
     """Return the name of the signal that killed a process, if the text says so; else None."""
-    for pattern, name in KILLED:
-        match = pattern.search(text)
+    for (pattern, name), literals in zip(KILLED, IN_KILLED):
+        match = pattern.search(text) if any(literal in text for literal in literals) else None
         if match:
             return name or next(one for one in match.groups() if one)
     return None
