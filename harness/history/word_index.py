@@ -48,7 +48,9 @@ def differing(history: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """
     read = {place for place, item in enumerate(history["releases"]) if item.get("read")}
     for module, names in history.get("names", {}).items():
-        yield from (("names", name) for name, spans in names.items() if "." not in module and _places(spans, read) != read)
+        yield from (
+            ("names", name) for name, spans in names.items() if "." not in module and _places(spans, read) != read
+        )
     for members in history.get("members", {}).values():
         there = set().union(*(_places(spans, read) for spans in members.values()))
         yield from (("members", name) for name, spans in members.items() if _places(spans, read) != there)

@@ -1,7 +1,6 @@
 """Use this machine: processes under the supervisor, files and file locks, interpreters, displays, memory."""
 
 __all__ = [
-    "cache_path",
     "console",
     "debian_packages",
     "display",

@@ -19,8 +19,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from harness.machine.cache_path import cache_path
 from harness.machine.files import guarded_files
+from harness.machine.files.cache_path import cache_path
 from harness.machine.files.file_locks import exclusive
 from harness.model import Cell, CellRecord, Finding, Interpreter, Lock, Outcome, Question, Step, cellid
 from harness.model.errors import BadInput

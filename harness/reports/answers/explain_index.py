@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from harness.machine.cache_path import cache_path
+from harness.machine.files.cache_path import cache_path
 from harness.running.signatures import signature_files
 from harness.standalone.failures import literals, matching
 
@@ -52,9 +52,9 @@ def _load() -> Index:
     with suppress(OSError, ValueError, KeyError):
         index: Index = json.loads(file.read_bytes())
         return {key: index[key] for key in ("signatures", "literals", "cells")}
-    made = _make()
-    _keep(file, json.dumps(made).encode())
-    return made
+    collected = _make()
+    _keep(file, json.dumps(collected).encode())
+    return collected
 
 
 def _name() -> str:

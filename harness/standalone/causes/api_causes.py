@@ -16,17 +16,15 @@ from .scene import DOTTED, QUOTE, WORD, Cause, Causes, Pattern, Scene, requireme
 ATTRIBUTE = Pattern(
     "(?:^|[^\\w'])(?:module )?{0}({1}){0} has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD), "has no attribute"
 )
-OF_SOME_MODULE = Pattern("{0}module{0} object has no attribute {0}({1}){0}".format(QUOTE, WORD), "object has no attribute")
+OF_SOME_MODULE = Pattern(
+    "{0}module{0} object has no attribute {0}({1}){0}".format(QUOTE, WORD), "object has no attribute"
+)
 IMPORTED = Pattern(
-    "cannot import (?:name )?{0}({2}){0} from (?:partially initialized module )?{0}?({1}){0}?(?: \\(([^)]*)\\)?)?".format(
-        QUOTE, DOTTED, WORD
-    ),
+    "cannot import (?:name )?{0}({2}){0} from (?:partially initialized module )?{0}?({1})".format(QUOTE, DOTTED, WORD),
     "cannot import ",
 )
 MODULE = Pattern("No module named {0}?({1}){0}?".format(QUOTE, DOTTED), "No module named ")
-MEMBER = Pattern(
-    "{0}({1}){0} (?:object )?has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD), "has no attribute"
-)
+MEMBER = Pattern("{0}({1}){0} (?:object )?has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD), "has no attribute")
 SCHEMA = Pattern(
     r"XML Error: Schema violation: unrecognized (element|attribute)"
     r"(?:: {0}?(\w+){0}?)?(?:\W+Element {0}(\w+){0})?".format(QUOTE),
@@ -50,7 +48,9 @@ STANDARD = {
 
 UPDATE = "Or take a newer release of the package that imports it."
 OTHER_REMEDIES: Dict[str, Dict[str, Any]] = {
-    "cmake": {"text": "Install the system's own: `apt-get install cmake` (or by conda), and remove the script from PATH."},
+    "cmake": {
+        "text": "Install the system's own: `apt-get install cmake` (or by conda), and remove the script from PATH."
+    },
     "_tkinter": {"text": "Install it: `apt-get install python3-tk`, or take a Python of conda or python.org."},
 }
 
@@ -79,7 +79,7 @@ def _attribute(line: str, scene: Scene) -> Answers:
     if attribute:
         module, name = attribute.groups()
     elif imported:
-        name, module, _ = imported.groups()
+        name, module = imported.groups()
     else:
         return
     history = scene.history_with(module)
@@ -97,7 +97,11 @@ def _some_module(line: str, scene: Scene) -> Answers:
     name = match.group(1)
     for package in packages_with("names", name):
         history = scene.history(package)
-        modules = [module for module, names in (history.plain if history else {}).get("names", {}).items() if name in names and "." not in module]
+        modules = [
+            module
+            for module, names in (history.plain if history else {}).get("names", {}).items()
+            if name in names and "." not in module
+        ]
         if history is not None and modules:
             module = min(modules, key=len)
             # No Python of the last ten years writes so: the environment is as old, and its packages are.
@@ -123,8 +127,8 @@ def _wrapper(line: str, scene: Scene) -> Answers:
     if not name.startswith("_") and owner in WRAPPERS and (scene.installed is None or "gymnasium" in scene.installed):
         version = scene.versions.get("gymnasium", "1.0")
         history = scene.load("gymnasium")
-        known = bool(history and any(name in names for path, names in _members(history) if path.endswith("." + owner)))
-        if version.split(".")[0] != "0" and not known:
+        is_own = bool(history and any(name in names for path, names in _members(history) if path.endswith("." + owner)))
+        if version.split(".")[0] != "0" and not is_own:
             yield (
                 "attributes of the wrapped environment (`{}` of `{}`)".format(name, owner),
                 Availability("gymnasium", None, None, FORWARDING, True, "gymnasium<{}".format(FORWARDING)),
@@ -225,9 +229,7 @@ def spoken_of(scene: Scene, name: str, kind: str, word: str) -> Iterator[History
             yield history
 
 
-def where(
-    history: History, spans: Any, scene: Scene, among: Optional[List[int]] = None
-) -> Optional[Availability]:
+def where(history: History, spans: Any, scene: Scene, among: Optional[List[int]] = None) -> Optional[Availability]:
     """Return where a name with these spans is to be had, for the version that the text or the environment tells."""
     return history.where(spans, scene.versions.get(history.package), among)
 

@@ -12,9 +12,11 @@ from .scene import PACKAGE, Cause, Causes, Pattern, Scene
 BUILT = Pattern(
     r"(?:Failed building (?:wheel|editable) for|Could not build wheels for|Failed to build(?: installable wheels for)?"
     r"(?: some pyproject\.toml based projects \()?|Failed to download and build|Encountered error while (?:trying to"
-    r" install package|generating package metadata)\.?:?|Running setup\.py (?:install|bdist_wheel) for|Building (?:wheel|editable) for)"
+    r" install package|generating package metadata)\.?:?|Running setup\.py (?:install|bdist_wheel) for"
+    r"|Building (?:wheel|editable) for)"
     r" `?({0})(?:==(\d[\w.]*))?".format(PACKAGE),
-    "Failed building", "Could not build", "Failed to build", "Failed to download", "Encountered error", "Running setup.py", "Building ",
+    "Failed building", "Could not build", "Failed to build", "Failed to download", "Encountered error",
+    "Running setup.py", "Building ",
 )  # fmt: skip
 ERROR_ONLY = re.compile(r"\.\.\. error|did not run successfully|[Ff]ail|[Cc]ould not|Encountered error")
 REPLACED: Dict[str, Tuple[str, Dict[str, Any]]] = {
@@ -137,4 +139,6 @@ def _built(line: str, scene: Scene) -> Optional[Cause]:
     text = "{} has no wheel for this Python, and its build failed; {} has wheels for Python {}".format(
         name, newest, ", ".join(pythons)
     )
-    return Cause(package, text, {"requirements": ["{}=={}".format(package, newest)], "text": "Use one of these Pythons."})
+    return Cause(
+        package, text, {"requirements": ["{}=={}".format(package, newest)], "text": "Use one of these Pythons."}
+    )

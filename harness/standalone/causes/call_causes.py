@@ -22,9 +22,7 @@ TAKES = Pattern(
     r" (?:positional arguments? \(and \d+ keyword-only arguments?\) )?(?:was|were) given".format(DOTTED),
     "() takes ",
 )
-UNPACK = Pattern(
-    r"(not enough|too many) values to unpack \(expected (\d)(?:, got (\d))?\)", "values to unpack"
-)
+UNPACK = Pattern(r"(not enough|too many) values to unpack \(expected (\d)(?:, got (\d))?\)", "values to unpack")
 ALIKE = 2
 """Packages that may be named for one call."""
 
@@ -75,7 +73,12 @@ def _calls(line: str) -> Iterator[Call]:
         names = re.findall(r"['\"](\w+)['\"]", lacking.group(2))
         if names:
             what = "can be called without `{}`".format("` and `".join(names))
-            yield Call(lacking.group(1) or "__init__", names[0], lambda parameters: not set(names) & set(_required(parameters)), what)
+            yield Call(
+                lacking.group(1) or "__init__",
+                names[0],
+                lambda parameters: not set(names) & set(_required(parameters)),
+                what,
+            )
     elif takes:
         function, count = takes.group(1), int(takes.group(3))
         what = "takes {} positional arguments, self among them".format(count)
@@ -89,14 +92,14 @@ def _fitting(call: Call, scene: Scene) -> Iterator[Tuple[History, Availability]]
     for history in spoken_of(scene, call.function, "parameters", call.word):
         if scene.is_pasted and "." not in call.function and not _tied(call.word, scene, history):
             continue
-        found: List[Availability] = []
+        answers: List[Availability] = []
         for path, texts in history.plain.get("signatures", {}).items():
             if path.endswith("." + call.function):
                 there = _of_path(history, texts, call, scene)
-                found += [there] if there is not None else []
-        bounds = {each.bound for each in found}
-        if len(bounds) == 1 and (len(found) <= SPREAD or "." in call.function):
-            yield history, found[0]
+                answers += [there] if there is not None else []
+        bounds = {each.bound for each in answers}
+        if len(bounds) == 1 and (len(answers) <= SPREAD or "." in call.function):
+            yield history, answers[0]
 
 
 def _tied(word: str, scene: Scene, history: History) -> bool:

@@ -9,13 +9,18 @@ from ..explain.api_history import Availability
 from .scene import QUOTE, Cause, Causes, Pattern, Scene
 
 UNKNOWN_ID = Pattern(
-    "(?:Environment|\\bEnv(?= )|No registered env with id:?|No registered environment with (?:name|id):?|Unknown environment:?"
-    "|Namespace|Module|not find (?:the )?environment:?) ?{0}?([\\w:./-]+?){0}?(?: doesn't exist| not found|[.,!`'\"\\s]|$)"
+    "(?:Environment|\\bEnv(?= )|No registered env with id:?|No registered environment with (?:name|id):?"
+    "|Unknown environment:?|Namespace|Module|not find (?:the )?environment:?) ?{0}?([\\w:./-]+?){0}?"
+    "(?: doesn't exist| not found|[.,!`'\"\\s]|$)"
     .format(QUOTE),
     "nvironment", "registered env", "Namespace", "Env ",
 )  # fmt: skip
-IS_ERROR = re.compile(r"Error|DeprecatedEnv|Exception|NotFound|No registered|doesn't exist|Namespace \S+ not found|not find")
-NAMESPACE = Pattern(r"in namespace (\w+)|Namespace {0}?(\w+){0}? (?:not found|does ?n.t exist)".format(QUOTE), "amespace ")
+IS_ERROR = re.compile(
+    r"Error|DeprecatedEnv|Exception|NotFound|No registered|doesn't exist|Namespace \S+ not found|not find"
+)
+NAMESPACE = Pattern(
+    r"in namespace (\w+)|Namespace {0}?(\w+){0}? (?:not found|does ?n.t exist)".format(QUOTE), "amespace "
+)
 ROMS = Pattern(
     r"ROM is missing for (\w+)|[Uu]nable to find (?:the )?game \W?(\w+)|ROM file for .* not found|Please install roms"
     r"|rom file .* (?:missing|not found)|We're Unable to find the game",
@@ -40,7 +45,8 @@ OWNERS: Tuple[Tuple[str, str, str], ...] = (
     (r"(?:halfcheetah|hopper|walker2d|ant|antmaze|maze2d|kitchen|pen|door|hammer|relocate)-[a-z]", "d4rl", "d4rl"),
     (r"Meta-World/", "metaworld", "metaworld"),
     (r"\w+BulletEnv", "pybullet", "pybullet_envs"),
-    (r"Safety(?:Point|Car|Doggo|Racecar|Ant|Hopper|Walker2d|HalfCheetah|Humanoid)", "safety-gymnasium", "safety_gymnasium"),
+    (r"Safety(?:Point|Car|Doggo|Racecar|Ant|Hopper|Walker2d|HalfCheetah|Humanoid)", "safety-gymnasium",
+     "safety_gymnasium"),
     (r"Isaac-", "isaaclab", "isaaclab_tasks"),
     (r"dm_control/|GymV2\w+/", "shimmy", "shimmy"),
     (r"SuperMarioBros", "gym-super-mario-bros", "gym_super_mario_bros"),
@@ -180,7 +186,10 @@ def _roms(scene: Scene) -> Cause:
         return Cause(
             "atari-roms",
             "atari-py ships no ROMs any more, and does not find those of this game",
-            {"text": "Type `pip install autorom[accept-rom-license]; AutoROM`, then `python -m atari_py.import_roms FOLDER`."},
+            {
+                "text": "Type `pip install autorom[accept-rom-license]; AutoROM`, then"
+                " `python -m atari_py.import_roms FOLDER`."
+            },
         )
     return Cause(
         "atari-roms",

@@ -31,16 +31,21 @@ MISMATCH = Pattern(
 )
 CUDNN = Pattern(
     r"Loaded runtime CuDNN library: (\d+(?:\.\d+)*) but source was compiled with: (\d+(?:\.\d+)*)|Unable to load cuDNN"
-    r"|libcudnn\w*\.so\.?[\d.]*: (?:cannot open|undefined)|DNN library initialization failed|CUDNN_STATUS_NOT_INITIALIZED"
-    r"|DNN library is not found",
+    r"|libcudnn\w*\.so\.?[\d.]*: (?:cannot open|undefined)|DNN library initialization failed"
+    r"|CUDNN_STATUS_NOT_INITIALIZED|DNN library is not found",
     "CuDNN", "cuDNN", "libcudnn", "DNN library", "CUDNN",
 )  # fmt: skip
 NVJITLINK = Pattern(r"libcus(?:parse|olver)\.so[.\d]*: undefined symbol: __nvJitLink", "__nvJitLink")
 RUNTIME = Pattern(
-    r"(lib(?:cudart|cublas|cublasLt|cufft|cusparse|cusolver|curand|nvrtc|nvToolsExt|nccl)\S*\.so\.(\d+)[\d.]*): cannot open",
+    r"(lib(?:cudart|cublas|cublasLt|cufft|cusparse|cusolver|curand|nvrtc|nvToolsExt|nccl)\S*\.so\.(\d+)[\d.]*): cannot"
+    r" open",
     "cannot open shared object",
 )
-NVCC = Pattern(r"CUDA_HOME environment variable is not set|nvcc(?:'|\"|`)?:? (?:command )?not found|No such file.*nvcc'?$", "CUDA_HOME", "nvcc")
+NVCC = Pattern(
+    r"CUDA_HOME environment variable is not set|nvcc(?:'|\"|`)?:? (?:command )?not found|No such file.*nvcc'?$",
+    "CUDA_HOME",
+    "nvcc",
+)
 JAX_PLUGIN = Pattern(
     r"JAX plugin (jax_\w+_plugin) version (\d\S*) is installed, but it is not compatible with the installed jaxlib"
     r" version (\d[\w.]*)", "JAX plugin",
@@ -58,7 +63,8 @@ JAX_CPU = Pattern(
 )  # fmt: skip
 JAX_ERROR = re.compile(r"Error|error|failed|Falling back|falling back|not installed")
 TORCH_SYMBOL = Pattern(
-    r"undefined symbol: _ZN(?:K?2at|K?3c10|K?5torch|2at|3c10|5torch)\w*|undefined symbol: \S*(?:torch|c10|at6)", "undefined symbol"
+    r"undefined symbol: _ZN(?:K?2at|K?3c10|K?5torch|2at|3c10|5torch)\w*|undefined symbol: \S*(?:torch|c10|at6)",
+    "undefined symbol",
 )
 CAPABILITY = re.compile(r"sm_(\d+)")
 BUILDS: Tuple[Tuple[int, str, str], ...] = (
@@ -87,13 +93,13 @@ def _architecture(line: str, scene: Scene) -> Optional[Cause]:
         return None
     device = re.search(r"capability sm_(\d+) is not compatible", scene.failure.text)
     listed = re.search(r"supports CUDA capabilities ([\w ]+)", scene.failure.text)
-    known = [int(each) for each in CAPABILITY.findall(listed.group(1))] if listed else []
+    listed_numbers = [int(each) for each in CAPABILITY.findall(listed.group(1))] if listed else []
     own = int(device.group(1)) if device else None
-    if own is not None and known and own < min(known):
+    if own is not None and listed_numbers and own < min(listed_numbers):
         text = "this GPU (sm_{}) is older than every GPU that this build of torch has code for".format(own)
         return Cause("torch", text, {"text": "Install an older torch, built for an older CUDA. " + INSTALL})
-    if own is None and known:
-        own = next((least for least, _, _ in reversed(BUILDS) if least > max(known)), None)
+    if own is None and listed_numbers:
+        own = next((least for least, _, _ in reversed(BUILDS) if least > max(listed_numbers)), None)
     fitting = next((build for build in BUILDS if own is not None and own >= build[0]), None)
     text = "this build of torch has no code for this GPU"
     if fitting is None:
@@ -118,8 +124,8 @@ def _driver(line: str, scene: Scene) -> Optional[Cause]:
             "nvidia-driver",
             "no NVIDIA GPU or driver can be reached from this process (libcuda comes with the driver, not with CUDA)",
             {
-                "text": "Check `nvidia-smi`; install the NVIDIA driver, start a container with `--gpus all`, and look at"
-                " CUDA_VISIBLE_DEVICES."
+                "text": "Check `nvidia-smi`; install the NVIDIA driver, start a container with `--gpus all`, and look"
+                " at CUDA_VISIBLE_DEVICES."
             },
         )
     return None
@@ -131,9 +137,9 @@ def _build(line: str, scene: Scene) -> Optional[Cause]:
         text = "the installed torch is a build for the CPU"
         return Cause("torch", text, {"text": "Remove torch, and install a CUDA build of it. " + INSTALL})
     if mismatch:
-        found, built = mismatch.groups()
-        text = "the CUDA compiler here is {}, and the installed torch was built for CUDA {}".format(found, built)
-        way = "Install the CUDA toolkit {} and set CUDA_HOME, or a torch built for CUDA {}.".format(built, found)
+        here, built = mismatch.groups()
+        text = "the CUDA compiler here is {}, and the installed torch was built for CUDA {}".format(here, built)
+        way = "Install the CUDA toolkit {} and set CUDA_HOME, or a torch built for CUDA {}.".format(built, here)
         return Cause("cuda-toolkit", text, {"text": way})
     if NVCC.search(line):
         text = "the build compiles code for CUDA and finds no CUDA toolkit (nvcc)"
@@ -193,9 +199,15 @@ def _jax(line: str, scene: Scene) -> Optional[Cause]:
             text = "jax needs jaxlib {} or newer, and jaxlib {} is installed".format(least, lib)
             return Cause("jaxlib", text, {"requirements": ["jaxlib>={}".format(least)]})
         return Cause("jaxlib", "jaxlib, the compiled part of JAX, is not installed", {"requirements": ["jax[cpu]"]})
-    if JAX_CPU.search(line) and JAX_ERROR.search(line) and scene.speaks_of("jax", "jaxlib", "xla_bridge", "PJRT", "XLA"):
+    if (
+        JAX_CPU.search(line)
+        and JAX_ERROR.search(line)
+        and scene.speaks_of("jax", "jaxlib", "xla_bridge", "PJRT", "XLA")
+    ):
         text = "this JAX is the build for the CPU, or its CUDA plugin does not load"
-        return Cause("jax", text, {"requirements": ["jax[cuda12]"], "text": "JAX needs an NVIDIA driver of 525 or newer."})
+        return Cause(
+            "jax", text, {"requirements": ["jax[cuda12]"], "text": "JAX needs an NVIDIA driver of 525 or newer."}
+        )
     return None
 
 
@@ -213,4 +225,6 @@ def _symbol(line: str, scene: Scene) -> Optional[Cause]:
     built = re.search(r"[/\\]([\w.+-]+?)\.(?:cpython|abi3|so)\S*: undefined symbol", line)
     subject = names[0] if names else built.group(1) if built else "torch"
     text = "`{}` was compiled for another release of torch than the one that is installed".format(subject)
-    return Cause(subject, text, {"text": "Build it again in this environment, or install the torch that it was built for."})
+    return Cause(
+        subject, text, {"text": "Build it again in this environment, or install the torch that it was built for."}
+    )

@@ -9,7 +9,8 @@ from .scene import Cause, Causes, Pattern, Scene
 VULKAN = Pattern(
     r"vk::\w+(?:::\w+)*: Error\w+|ERROR_(?:INCOMPATIBLE_DRIVER|INITIALIZATION_FAILED|EXTENSION_NOT_PRESENT)"
     r"|VK_ERROR_\w+|[Ff]ailed to find a (?:rendering device|supported physical device)|loader_\w+: .*(?:ICD|vk\w+)"
-    r"|vkCreateInstance|vkEnumeratePhysicalDevices|Vulkan ICD|icd.*(?:not found|missing)|Vulkan is not (?:supported|available)"
+    r"|vkCreateInstance|vkEnumeratePhysicalDevices|Vulkan ICD|icd.*(?:not found|missing)"
+    r"|Vulkan is not (?:supported|available)"
     r"|[Ff]ailed to (?:create|initialize) (?:a )?[Vv]ulkan|No (?:Vulkan|rendering|compatible) (?:physical )?device"
     r"|[Cc]ould ?n.t find (?:a )?[Vv]ulkan|carb\.graphics-vulkan|required Vulkan extension is not present",
     "vk", "VK_", "ERROR_", "rendering device", "physical device", "ulkan", "loader_", "icd",
@@ -20,8 +21,8 @@ DISPLAY = Pattern(
     r"X11: The DISPLAY environment variable is missing|X11: Failed to open display|NoSuchDisplayException"
     r"|[Cc]annot connect to (?:X server|\W?None\W?)|[Cc]annot open display|could not connect to display|Authorization"
     r" required, but no authorization protocol|no display name and no \$DISPLAY|Wayland: Failed to connect to display"
-    r"|Failed to (?:initialize|init) GLFW|could not initialize GLFW|platform plugin \W?xcb\W? in|No available video device"
-    r"|Unable to open X display|X connection to \S+ broken",
+    r"|Failed to (?:initialize|init) GLFW|could not initialize GLFW|platform plugin \W?xcb\W? in"
+    r"|No available video device|Unable to open X display|X connection to \S+ broken",
     "isplay", "DISPLAY", "X server", "None", "Authorization", "GLFW", "xcb", "video device", "X connection",
 )  # fmt: skip
 EGL = Pattern(
@@ -31,7 +32,8 @@ EGL = Pattern(
     "EGL", "egl",
 )  # fmt: skip
 OSMESA = Pattern(
-    r"OSMesaCreateContext\w*|libOSMesa|OSMesa: (?:Failed|could)|undefined symbol: glGetError|has no attribute 'glGetError'",
+    r"OSMesaCreateContext\w*|libOSMesa|OSMesa: (?:Failed|could)|undefined symbol: glGetError"
+    r"|has no attribute 'glGetError'",
     "OSMesa", "glGetError",
 )  # fmt: skip
 CONTEXT = Pattern(
@@ -40,7 +42,9 @@ CONTEXT = Pattern(
     r"|GLX: (?:Failed|No GLX)|NoSuchConfigException|ContextException|could not create (?:GL|window)",
     "ontext", "glad", "OpenGL", "GLX", "NoSuchConfig", "window",
 )  # fmt: skip
-SERVER = "On a machine without a screen set `MUJOCO_GL=egl` (or `osmesa`) before Python starts, or run it by `xvfb-run -a`."
+SERVER = (
+    "On a machine without a screen set `MUJOCO_GL=egl` (or `osmesa`) before Python starts, or run it by `xvfb-run -a`."
+)
 
 
 def causes(line: str, scene: Scene) -> Causes:
@@ -54,11 +58,11 @@ def causes(line: str, scene: Scene) -> Causes:
     elif VULKAN.search(line) and not MEMORY.search(line):
         yield Cause(
             "vulkan-driver",
-            "Vulkan finds no usable driver for a GPU: the NVIDIA driver's Vulkan part (its ICD file nvidia_icd.json), or"
-            " a library that it loads, is missing",
+            "Vulkan finds no usable driver for a GPU: the NVIDIA driver's Vulkan part (nvidia_icd.json), or a library that"
+            " it loads, is missing",
             {
-                "text": "Check `vulkaninfo --summary`. Install `apt-get install libvulkan1 libxext6 libegl1` and the full"
-                " nvidia-driver; in a container set NVIDIA_DRIVER_CAPABILITIES=all, and let VK_ICD_FILENAMES name"
+                "text": "Check `vulkaninfo --summary`. Install `apt-get install libvulkan1 libxext6 libegl1` and the"
+                " whole nvidia-driver; in a container set NVIDIA_DRIVER_CAPABILITIES=all, and let VK_ICD_FILENAMES name"
                 " nvidia_icd.json."
             },
         )
@@ -82,6 +86,14 @@ def causes(line: str, scene: Scene) -> Causes:
             },
         )
     elif DISPLAY.search(line):
-        yield Cause("display", "the program opens a window, and no display can be reached", {"environment": {"MUJOCO_GL": "egl"}, "text": SERVER})
+        yield Cause(
+            "display",
+            "the program opens a window, and no display can be reached",
+            {"environment": {"MUJOCO_GL": "egl"}, "text": SERVER},
+        )
     elif CONTEXT.search(line):
-        yield Cause("opengl", "no OpenGL context could be made: no display, or a driver without what is asked for", {"environment": {"MUJOCO_GL": "egl"}, "text": SERVER})
+        yield Cause(
+            "opengl",
+            "no OpenGL context could be made: no display, or a driver without what is asked for",
+            {"environment": {"MUJOCO_GL": "egl"}, "text": SERVER},
+        )

@@ -32,7 +32,9 @@ TAGS = Pattern(
     r" ([`\w, ]+)".format(PACKAGE),
     "we only found wheels for",
 )
-NO_VERSION = Pattern(r"there (?:is|are) no versions? of ({0})==(\d[\w.+!]*)".format(PACKAGE), "there is no", "there are")
+NO_VERSION = Pattern(
+    r"there (?:is|are) no versions? of ({0})==(\d[\w.+!]*)".format(PACKAGE), "there is no", "there are"
+)
 USUAL = "3.9"
 """A Python that many still run: what excludes it is likely the reason where no Python is named."""
 
@@ -153,7 +155,9 @@ def _of_range(history: History, bound: str, fitting: List[Any], python: Optional
         return None
     named = ", ".join("3.{}".format(minor) for minor in pythons)
     text = "{}{} has wheels for Python {} only".format(history.package, bound, named)
-    return Cause("python", text, {"python": "3.{}".format(pythons[-1]), "text": "Its wheels need one of these Pythons."})
+    return Cause(
+        "python", text, {"python": "3.{}".format(pythons[-1]), "text": "Its wheels need one of these Pythons."}
+    )
 
 
 def of_version(history: History, version: str, python: Optional[str], *, built: bool) -> Optional[Cause]:
@@ -196,7 +200,9 @@ def of_any(history: History, python: str, version: Optional[str] = None) -> Opti
         return Cause(package, text, {"requirements": ["{}=={}".format(package, newest)]})
     pythons = wheel_pythons(history, version)
     if newest is None and pythons:
-        return Cause(package, text, {"python": pythons[-1], "text": "Its wheels are for {}.".format(", ".join(pythons))})
+        return Cause(
+            package, text, {"python": pythons[-1], "text": "Its wheels are for {}.".format(", ".join(pythons))}
+        )
     return None
 
 
@@ -214,12 +220,16 @@ def newest_for(history: History, python: str) -> Optional[str]:
 def last_with_wheels(history: History) -> Tuple[Optional[str], List[str]]:
     """Return the newest release that has wheels, and the Pythons that they are for."""
     having = [each for each in history.plain["releases"] if minors(each) and not each.get("yanked")]
-    return (str(having[-1]["version"]), ["3.{}".format(minor) for minor in minors(having[-1])]) if having else (None, [])
+    return (
+        (str(having[-1]["version"]), ["3.{}".format(minor) for minor in minors(having[-1])]) if having else (None, [])
+    )
 
 
 def minors(entry: Mapping[str, Any]) -> List[int]:
     """Return the minor versions of Python 3 that the wheels of a release are built for."""
-    return sorted({int(match.group(1)) for tag in entry.get("wheels", ()) for match in [re.match(r"cp3(\d+)-", tag)] if match})
+    return sorted(
+        {int(match.group(1)) for tag in entry.get("wheels", ()) for match in [re.match(r"cp3(\d+)-", tag)] if match}
+    )
 
 
 def wheel_pythons(history: History, version: Optional[str]) -> List[str]:

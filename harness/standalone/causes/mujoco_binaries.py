@@ -20,7 +20,9 @@ UNNAMED = Pattern(
     r"|cannot find -lglew(?:osmesa|egl)\b|libglew(?:osmesa|egl)\.so: cannot open|Cannot find MuJoCo library at",
     "MuJoCo", "glew", "fatal error",
 )  # fmt: skip
-KEY = Pattern(r"(?:missing a )?[Ll]icense [Kk]ey for mujoco|mjkey\.txt|Invalid activation key", "mujoco", "mjkey", "key")
+KEY = Pattern(
+    r"(?:missing a )?[Ll]icense [Kk]ey for mujoco|mjkey\.txt|Invalid activation key", "mujoco", "mjkey", "key"
+)
 PATH = Pattern(
     r"Missing path to your environment variable|add following line to (?:\.bashrc|.*LD_LIBRARY_PATH)"
     r"|export LD_LIBRARY_PATH=\S*\.mujoco", "LD_LIBRARY_PATH", "Missing path",

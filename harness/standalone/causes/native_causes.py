@@ -17,9 +17,14 @@ SIZE = Pattern(
     r"numpy\.(dtype|ndarray|ufunc|\w+) size changed,? may indicate binary incompatibility\.? Expected (\d+) from C"
     r" header, got (\d+)", "size changed",
 )  # fmt: skip
-LIBSTDCXX = Pattern(r"(?:libstdc\+\+|libstdcxx)\S*: version `?(GLIBCXX_[\d.]+|CXXABI_[\d.]+)'? not found", "GLIBCXX_", "CXXABI_")
+LIBSTDCXX = Pattern(
+    r"(?:libstdc\+\+|libstdcxx)\S*: version `?(GLIBCXX_[\d.]+|CXXABI_[\d.]+)'? not found", "GLIBCXX_", "CXXABI_"
+)
 GLIBC = Pattern(r"version `?GLIBC_(\d[\d.]*)'? not found(?: \(required by ([^)\s]+)\)?)?", "GLIBC_")
-LICENCE = Pattern(r"libmujoco\S*: undefined symbol: mj\w*[cC]ert\w*|undefined symbol: mj_(?:cert\w*|activate|deactivate)\b", "undefined symbol: mj")
+LICENCE = Pattern(
+    r"libmujoco\S*: undefined symbol: mj\w*[cC]ert\w*|undefined symbol: mj_(?:cert\w*|activate|deactivate)\b",
+    "undefined symbol: mj",
+)
 PYTHON = Pattern(r"(?:libpython(3\.\d+)\w*\.so[.\d]*): cannot open", "libpython3")
 MACHINE = Pattern(
     r"(?:mach-o file, but is an |have |wrong architecture.*)incompatible architecture|incompatible architecture \(have",
@@ -29,8 +34,8 @@ UFUNC_OF_122 = 232
 """Bytes of a ufunc since NumPy 1.22."""
 
 NUMPY_OF_API: Dict[int, str] = {
-    0xA: "1.10", 0xB: "1.13", 0xC: "1.14", 0xD: "1.16", 0xE: "1.20", 0xF: "1.22", 0x10: "1.23", 0x11: "1.25", 0x12: "2.0",
-    0x13: "2.1", 0x14: "2.3",
+    0xA: "1.10", 0xB: "1.13", 0xC: "1.14", 0xD: "1.16", 0xE: "1.20", 0xF: "1.22", 0x10: "1.23", 0x11: "1.25",
+    0x12: "2.0", 0x13: "2.1", 0x14: "2.3",
 }  # fmt: skip
 """The first release of NumPy with each version of its C API (numpy/core/code_generators/cversions.txt)."""
 
@@ -61,16 +66,16 @@ def _numpy(line: str, scene: Scene) -> Optional[Cause]:
     return None
 
 
-def _of_size(kind: str, expected: int, found: int) -> Optional[Cause]:
+def _of_size(kind: str, expected: int, size: int) -> Optional[Cause]:
     """Return the side that the sizes of a structure tell: NumPy 2 made `dtype` smaller, all else only grew."""
     if kind == "dtype":
-        if expected > found:
+        if expected > size:
             text = "a package that was compiled with NumPy 1 was loaded with NumPy 2"
             way = "Or take a release of that package that was built with NumPy 2."
             return Cause("numpy", text, {"requirements": ["numpy<2"], "text": way})
         text = "a package that was compiled with NumPy 2 was loaded with NumPy 1"
         return Cause("numpy", text, {"requirements": ["numpy>=2"], "text": "Or take a release of it for NumPy 1."})
-    if expected > found:
+    if expected > size:
         first = "1.20" if kind == "ndarray" else "1.22" if expected == UFUNC_OF_122 else ""
         text = "a package was compiled with a newer NumPy{} than the one that is installed".format(
             " ({} or later)".format(first) if first else ""
@@ -99,13 +104,19 @@ def _system(line: str, scene: Scene) -> Optional[Cause]:
         text = "`{}` is the shared library of Python {}, and the loader does not find it".format(
             python.group(0).split(":")[0], python.group(1)
         )
-        way = "With conda: `export LD_LIBRARY_PATH=$CONDA_PREFIX/lib`; on Ubuntu: `apt-get install libpython{}`.".format(
-            python.group(1)
+        way = (
+            "With conda: `export LD_LIBRARY_PATH=$CONDA_PREFIX/lib`; on Ubuntu: `apt-get install libpython{}`.".format(
+                python.group(1)
+            )
         )
         return Cause("libpython", text, {"text": way})
     if MACHINE.search(line):
         text = "the compiled file is for another processor (x86_64 or arm64) than the Python that loads it"
-        return Cause("architecture", text, {"text": "Use a Python of this machine's own architecture, and install the package again."})
+        return Cause(
+            "architecture",
+            text,
+            {"text": "Use a Python of this machine's own architecture, and install the package again."},
+        )
     return None
 
 

@@ -59,7 +59,9 @@ def _numpy(line: str, scene: Scene) -> Optional[Cause]:
     if match is None:
         if BIT_GENERATOR.search(line):
             text = "the file holds a random generator that another NumPy saved, and this one cannot read it"
-            return Cause("numpy", text, {"text": "Load it with the NumPy that saved it: 2 where this is 1, 1 where this is 2."})
+            return Cause(
+                "numpy", text, {"text": "Load it with the NumPy that saved it: 2 where this is 1, 1 where this is 2."}
+            )
         return None
     if match.group(1) == "_core":
         text = "the file was saved, or the package compiled, with NumPy 2, and NumPy 1 is installed"
@@ -78,7 +80,9 @@ def _bytecode(line: str, scene: Scene) -> Optional[Cause]:
         text = "the file was saved by a newer Python: pickle protocol {} is unknown here".format(match.group(1))
         return Cause("python", text, {"python": ">=3.8" if match.group(1) == "5" else ">=3.4"})
     text = "the file holds functions that were saved by another Python, whose byte code differs"
-    return Cause("python", text, {"text": "Load it with the Python (3.N) that saved it, or pass custom_objects for them."})
+    return Cause(
+        "python", text, {"text": "Load it with the Python (3.N) that saved it, or pass custom_objects for them."}
+    )
 
 
 def _spaces(line: str, scene: Scene) -> Optional[Cause]:

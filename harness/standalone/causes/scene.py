@@ -18,7 +18,7 @@ SOURCE = r'^ *File "([^"]+)", line \d+, in (\S+)(?:\n +(.+))?'
 
 
 class Cause(NamedTuple):
-    """A derived cause: the package or file that it is about, one or two sentences, and the remedy as documents hold it."""
+    """A derived cause: the package or file at fault, one or two sentences, and the remedy as documents hold it."""
 
     subject: str
     text: str
@@ -66,7 +66,8 @@ class Scene(NamedTuple):
     def frames(self) -> List[Tuple[str, str, str]]:
         """Return the frames of the traceback that decides, the innermost last: path, function, line of source."""
         region = self.failure.region or self.failure.text
-        return [match.groups(default="") for match in compile_once(SOURCE).finditer(region)] if "File " in region else []
+        matches = compile_once(SOURCE).finditer(region) if "File " in region else ()
+        return [(match.group(1), match.group(2), match.group(3) or "") for match in matches]
 
     @property
     def modules(self) -> List[str]:

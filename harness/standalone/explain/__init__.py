@@ -1,3 +1,11 @@
 """Explain a failure from its log (`explain`): its cause, and what to do."""
 
-__all__ = ["explain", "explanation_text"]
+__all__ = [
+    "api_history",
+    "explain",
+    "explanation_text",
+    "failure_text",
+    "history_words",
+    "import_names",
+    "version_hints",
+]

@@ -208,9 +208,9 @@ RAISED = re.compile(
 """The beginning of an exception that is not called an error. Other lines begin so, too: it counts in short texts."""
 
 COMPLAINS = re.compile(
-    r"(?<!returned )\berror: \D|\b(?:[Cc]annot|[Cc]ould not|[Uu]nable to|[Ff]ailed to|[Nn]ot found|[Ii]ncompatible|[Cc]onflict\w*"
-    r"|[Uu]ndefined symbol|is not installed|[Uu]nsupported|does not (?:exist|provide)|not available|no longer supported"
-    r"|has been removed|[Nn]o matching|[Ii]nvalid)\b"
+    r"(?<!returned )\berror: \D|\b(?:[Cc]annot|[Cc]ould not|[Uu]nable to|[Ff]ailed to|[Nn]ot found|[Ii]ncompatible"
+    r"|[Cc]onflict\w*|[Uu]ndefined symbol|is not installed|[Uu]nsupported|does not (?:exist|provide)|not available"
+    r"|no longer supported|has been removed|[Nn]o matching|[Ii]nvalid)\b"
 )
 """Words of a short text that complains; a log has them in lines that stopped nothing."""
 

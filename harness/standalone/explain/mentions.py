@@ -1,4 +1,4 @@
-"""Tell a text that only mentions a failure, as notes of a release, a page of help or a talk do, from one that shows it."""
+"""Tell a text that only mentions a failure, as notes of a release or a page of help do, from one that shows it."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ SHOWN = re.compile(
 """A line that begins with an error: it shows a failure, whatever else the text says."""
 
 PAST = re.compile(
-    r"\b[Ff]ix(?:ed|es)\b(?! (?:it|this|that) by\b)|\b(?:[Ss]olved|[Rr]esolved)\b|\bis (?:now )?gone\b|\bno longer (?:get|see|happens)"
-    r"|\b(?:works|runs|trains|working) (?:fine |again )?now\b|\b(?:it|everything) (?:now )?(?:works|runs|trains)\b(?! on)"
-    r"|\b[Rr]elease notes?\b|\b[Cc]hangelog\b|^#+ .*(?:Troubleshooting|FAQ|Changes|Known issues|\d+\.\d+)"
-    r"|\b[Ii]f you (?:see|get|encounter|run into)\b",
+    r"\b[Ff]ix(?:ed|es)\b(?! (?:it|this|that) by\b)|\b(?:[Ss]olved|[Rr]esolved)\b|\bis (?:now )?gone\b"
+    r"|\bno longer (?:get|see|happens)|\b(?:works|runs|trains|working) (?:fine |again )?now\b"
+    r"|\b(?:it|everything) (?:now )?(?:works|runs|trains)\b(?! on)|\b[Rr]elease notes?\b|\b[Cc]hangelog\b"
+    r"|^#+ .*(?:Troubleshooting|FAQ|Changes|Known issues|\d+\.\d+)|\b[Ii]f you (?:see|get|encounter|run into)\b",
     re.MULTILINE,
 )
 """Words of a text that tells of a failure that is over, or that may come."""

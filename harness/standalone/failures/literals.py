@@ -29,9 +29,7 @@ _remembered: Dict[str, Tuple[Clause, ...]] = {}
 
 def remember(clauses_by_pattern: Mapping[str, Sequence[Sequence[str]]]) -> None:
     """Take the clauses of patterns that were parsed before: to parse them takes longer than to look for them."""
-    _remembered.update(
-        {pattern: tuple(map(frozenset, those)) for pattern, those in clauses_by_pattern.items()}
-    )
+    _remembered.update({pattern: tuple(map(frozenset, those)) for pattern, those in clauses_by_pattern.items()})
 
 
 @lru_cache(maxsize=None)

@@ -91,4 +91,7 @@ def test_neighbours_of_a_release_that_never_was_are_named() -> None:
 def test_a_conflict_names_the_release_that_is_wanted() -> None:
     """The bound is what the other package asks for."""
     line = "stable-baselines3 1.6.2 requires gym==0.21, but you have gym 0.23.1 which is incompatible."
-    assert explained(line) == ("stable-baselines3 1.6.2 requires gym==0.21, but gym 0.23.1 is installed", ("gym==0.21",))
+    assert explained(line) == (
+        "stable-baselines3 1.6.2 requires gym==0.21, but gym 0.23.1 is installed",
+        ("gym==0.21",),
+    )
