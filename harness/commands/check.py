@@ -14,6 +14,7 @@ from harness.model.errors import BadInput, CouldNotTell
 from harness.reports.answers import result_index
 from harness.reports.projects import checked, checked_text, project, unknown_names
 from harness.reports.projects.checked import Checked
+from harness.reports.projects.labelled_lines import wrap_labelled
 from harness.standalone import wrapping
 from harness.standalone.output import print_json
 
@@ -62,7 +63,7 @@ def main(args: argparse.Namespace) -> int:
     else:
         most = None if args.all else MOST
         texts = [line for document in documents for line in checked_text.lines(document, most)]
-        print("\n".join(wrapping.wrap_lines(texts, wrapping.width(sys.stdout))))
+        print("\n".join(wrap_labelled(texts, wrapping.width(sys.stdout), checked_text.WIDTH)))
     codes = {checked.exit_code(document, args.fail_on) for document in documents}
     return 1 if 1 in codes else CouldNotTell.exit_code if CouldNotTell.exit_code in codes else 0
 

@@ -14,6 +14,7 @@ from harness.model.errors import BadInput
 from harness.model.measured import Measured
 from harness.reports.answers import result_index
 from harness.reports.projects import project, unknown_names, upgraded, upgraded_text
+from harness.reports.projects.labelled_lines import wrap_labelled
 from harness.reports.projects.project import Project
 from harness.reports.projects.tried_task import TriedTask
 from harness.reports.projects.upgraded import Move, Upgraded
@@ -63,7 +64,7 @@ def main(args: argparse.Namespace) -> int:
         print_json(msgspec.json.encode(document))
     else:
         texts = [*upgraded_text.lines(document, whole=args.all), *upgraded_text.tried_lines(document)]
-        print("\n".join(wrapping.wrap_lines(texts, wrapping.width(sys.stdout))))
+        print("\n".join(wrap_labelled(texts, wrapping.width(sys.stdout), upgraded_text.WIDTH)))
     return upgraded.exit_code(document)
 
 

@@ -400,7 +400,10 @@ def _crossing(
         kind=Kind.CHANGES,
         text=text,
         versions={declared.name: ordered[-1]},
-        line=next(f"at {ordered[-1]} {name} {how}" for name, how in sorted(releases[ordered[-1]].items())),
+        line=next(
+            f"at {ordered[-1]} {name}: {how.removeprefix('behaves otherwise; ')}"
+            for name, how in sorted(releases[ordered[-1]].items())
+        ),
         bound=bound,
         next=f"simmatrix upgrade {declared.name}",
     )

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from harness.model.report_types import first_few, format_count
 from harness.reports.projects.checked import FAULTS, Checked, CheckFinding, Kind
+from harness.reports.projects.labelled_lines import labelled
 
 NAMED = 6
 LONGEST = 240
@@ -67,4 +68,4 @@ def _finding(finding: CheckFinding) -> Iterator[str]:
 
 
 def _labelled(label: str, text: str) -> str:
-    return f"{label:<{WIDTH}}{text}"
+    return labelled(label, text, WIDTH)

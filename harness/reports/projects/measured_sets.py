@@ -147,7 +147,8 @@ def differences(result: CellResult, project: Project) -> dict[str, tuple[str, st
     for name in sorted(result.exercised | result.counted_versions.keys()):
         declared, held = project.packages.get(name), str(result.version(name) or "").partition("+")[0]
         if declared is None:
-            apart[name] = ABSENT, held
+            # What nobody chooses is brought by what is there.
+            apart |= {name: (ABSENT, held)} if weight(name) else {}
         elif declared.pinned and weight(name) and not project.admits(name, held):
             apart[name] = declared.pinned, held
     return apart
@@ -163,7 +164,8 @@ def tasks(results: Iterable[CellResult], project: Project, env: str | None = Non
     """
     tried: dict[str, list[tuple[tuple[object, ...], Task]]] = {}
     for result in results:
-        near = -len(differences(result, project))
+        # A table tells less than a report: its lock was not kept.
+        near = not result.cell.source, -len(differences(result, project))
         for case in result.cell.cases:
             if case.env is None or (env is not None and bare(case.env, case.api) != bare(env, case.api)):
                 continue

@@ -258,7 +258,7 @@ def test_an_upgrade_that_changes_the_physics(world: World) -> None:
     assert (document.unchanging, upgraded.exit_code(document)) == ({"mujoco": "3.2.0"}, 1)
     text = "\n".join(upgraded_text.lines(document))
     assert "behave    1 of 2 tasks behave otherwise: Ant-v5" in text
-    assert "at 3.3.0: Ant-v5; Ant-v5 moves otherwise in 40%" in text
+    assert "at 3.3.0: Ant-v5; Ant-v5: moves otherwise in 40%" in text
 
 
 def test_an_upgrade_that_changes_the_pictures_alone(world: World) -> None:
