@@ -33,6 +33,7 @@ DOCUMENTS = {
     "freeze": ("`freeze --check --json`", "commands.freeze", "BehaviourCheck"),
     "recommend": ("`recommend --json`", "reports.answers.recommended", "Recommended"),
     "check": ("`check --json`", "reports.projects.checked", "Checked"),
+    "checks": ("`check --each --json`", "reports.projects.checked", "CheckedFiles"),
     "upgrade": ("`upgrade --json`", "reports.projects.upgraded", "Upgraded"),
     "known": ("`known --json`", "commands.known", "KnownDocument"),
     "repair": ("`repair.json`, and `repair --json`", "rootcause.repair.proofs", "RepairDocument"),

@@ -79,6 +79,13 @@ class Checked(msgspec.Struct, frozen=True, kw_only=True):
     unjudged: tuple[str, ...]
 
 
+class CheckedFiles(msgspec.Struct, frozen=True, kw_only=True):
+    """The document of `check --each --json`: every file by itself."""
+
+    schema: int = 1
+    files: tuple[Checked, ...]
+
+
 def check(measured: Measured, project: Project, env: str | None = None) -> Checked:
     """Return everything that measured results say about a project; `env` limits it to one environment."""
     cells = measured_cells.read(measured)

@@ -244,6 +244,7 @@ class TestSchema:
             "freeze",
             "recommend",
             "check",
+            "checks",
             "upgrade",
             "known",
             "repair",
