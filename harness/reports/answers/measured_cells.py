@@ -215,14 +215,14 @@ class CellResult:
     def subjects(self) -> frozenset[str]:
         """Return the packages that the cell is about: those that its matrix varies, and others that it names and ran.
 
-        Packages that nobody chooses for their own sake, such as NumPy, are left out.
+        Packages that only come with others, such as NumPy, are left out. Where none is left, those that it ran and
+        that nothing is known of count.
         """
-        ran = self.exercised or self.named
-        return frozenset(
-            name
-            for name in self.named
-            if is_heavy(name) and self.version(name) and (name in ran or name in self.cell.axes)
-        )
+        ran, varied = self.exercised or self.named, self.cell.axes
+        named = [name for name in self.named if self.version(name)]
+        chosen = {name for name in named if name in varied and not weight(name)}
+        chosen |= {name for name in named if is_heavy(name) and (name in ran or name in varied)}
+        return frozenset(chosen or {name for name in named if name in ran and not weight(name)})
 
     @cached_property
     def counted_versions(self) -> dict[str, str]:

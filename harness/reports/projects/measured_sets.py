@@ -88,7 +88,7 @@ def fits(result: CellResult, project: Project, *, any_python: bool = False) -> b
         return False
     if _missing(result) in project.packages or _installs_elsewhere(result, project) or _lacks_numpy(result, project):
         return False
-    return not any(_differs(name, held, project) for name, held in result.counted_versions.items())
+    return not any(_differs(name, held, project, result) for name, held in result.counted_versions.items())
 
 
 def _installs_elsewhere(result: CellResult, project: Project) -> bool:
@@ -122,7 +122,7 @@ def _missing(result: CellResult) -> str | None:
     return package_with(name) or package_with(name.lower())
 
 
-def _differs(name: str, held: str, project: Project) -> bool:
+def _differs(name: str, held: str, project: Project, result: CellResult) -> bool:
     public = held.partition("+")[0]
     if project.admits(name, public):
         return False
@@ -202,7 +202,9 @@ def nearest(results: Sequence[CellResult], project: Project, wanted: Sequence[st
 
 def _distance(result: CellResult, project: Project, wanted: Sequence[str]) -> tuple[object, ...]:
     apart = sum(_gap(str(result.version(name)), project.packages[name].pinned, name, project) for name in wanted)
-    light = sum(_differs(name, held, project) for name, held in result.counted_versions.items() if name not in wanted)
+    light = sum(
+        _differs(name, held, project, result) for name, held in result.counted_versions.items() if name not in wanted
+    )
     other_python = not project.admits_python(result.python)
     newest = tuple(tuple(-part for part in version(str(result.version(name))).release) for name in wanted)
     return apart + 2 * other_python + light, newest, result.cell.id

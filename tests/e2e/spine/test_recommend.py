@@ -29,6 +29,23 @@ def test_results_of_a_run_here_are_known(desk: Desk) -> None:
     assert "fake-healthy==1.0" in plain.out.splitlines()[0]
 
 
+def test_files_are_checked_against_results_of_a_run_here(desk: Desk) -> None:
+    """`check` says of a file what was measured here: good, bad with the line that says why, never measured."""
+    desk.run("run", desk.matrix("small", SMALL.read_text()))
+    for name, text in (
+        ("good", "fake-healthy==1.0\n"),
+        ("bad", "fake-blank-frame\nfake-healthy\n"),
+        ("new", "fake-healthy==2.0\n"),
+    ):
+        (desk.folder / f"{name}.txt").write_text(text)
+
+    good, bad, new = (desk.run("check", "-r", f"{name}.txt", "--json") for name in ("good", "bad", "new"))
+
+    assert (good.code, [each["kind"] for each in good.document["findings"]]) == (0, ["good"])
+    assert (bad.code, new.code) == (1, 3)
+    assert new.document["findings"][0]["text"].startswith("fake-healthy 2.0: never measured; nearest that works: ")
+
+
 def test_results_of_others_are_layered(desk: Desk) -> None:
     """A report folder named by HARNESS_RESULTS gives answers on a machine that ran nothing."""
     desk.run("run", desk.matrix("small", SMALL.read_text()), "--out", "theirs")
