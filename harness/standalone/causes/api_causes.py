@@ -60,7 +60,7 @@ FORWARDING = "1.0"
 
 def causes(line: str, scene: Scene) -> Causes:
     """Yield the cause that a history gives: the one package whose releases differ in the name."""
-    for rule in (_wrapper, _attribute, _some_module, _module, _member, _schema):
+    for rule in (_attribute, _some_module, _module, _member, _schema):
         answers: Dict[str, Cause] = {}
         for what, there in rule(line, scene):
             if there is not None:
@@ -118,21 +118,22 @@ def _module(line: str, scene: Scene) -> Answers:
             yield "the module `{}`".format(module), where(history, history.spans("modules", module), scene)
 
 
-def _wrapper(line: str, scene: Scene) -> Answers:
-    """Yield where gymnasium's own wrapper was asked for an attribute of the environment that it wraps."""
+def wrapped(line: str, scene: Scene) -> Causes:
+    """Yield the cause that a wrapper of gymnasium was asked for an attribute of the environment that it wraps."""
     match = MEMBER.search(line)
     if match is None or "object has no attribute" not in line:
         return
     owner, name = match.group(1).rpartition(".")[2], match.group(2)
-    if not name.startswith("_") and owner in WRAPPERS and (scene.installed is None or "gymnasium" in scene.installed):
-        version = scene.versions.get("gymnasium", "1.0")
-        history = scene.load("gymnasium")
-        is_own = bool(history and any(name in names for path, names in _members(history) if path.endswith("." + owner)))
-        if version.split(".")[0] != "0" and not is_own:
-            yield (
-                "attributes of the wrapped environment (`{}` of `{}`)".format(name, owner),
-                Availability("gymnasium", None, None, FORWARDING, True, "gymnasium<{}".format(FORWARDING)),
-            )
+    if name.startswith("_") or owner not in WRAPPERS or (scene.installed and "gymnasium" not in scene.installed):
+        return
+    history = scene.load("gymnasium")
+    is_own = bool(history and any(name in names for path, names in _members(history) if path.endswith("." + owner)))
+    if scene.versions.get("gymnasium", FORWARDING).split(".")[0] != "0" and not is_own:
+        text = "since {} wrappers of gymnasium do not forward attributes, and `{}` belongs to the environment inside".format(
+            FORWARDING, name
+        )
+        way = "Or write `env.unwrapped.{}`.".format(name)
+        yield Cause("gymnasium", text, requirement_remedy("gymnasium<{}".format(FORWARDING), way))
 
 
 WRAPPERS = frozenset(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Optional
+from typing import Optional, Set
 
 from ..explain.import_names import package_with
 from ..requirements import Requirement, requirement
@@ -86,21 +86,20 @@ def _incompatible(line: str, scene: Scene) -> Optional[Cause]:
 
 
 def _allowing(scene: Scene, name: str, package: str, there: str) -> Optional[str]:
-    """Return the newest release of a package that allows a release of another one; None if none is known."""
+    """Return the newest release of a package that requires another one and allows this release of it."""
     history = scene.load(canonical(name))
     if history is None or not is_version(there):
         return None
-    allowing = set(range(len(history.versions)))
+    bounding: Set[int] = set()
+    excluding: Set[int] = set()
     for text, spans in history.plain.get("requires", {}).items():
         wanted = _parsed(text)
-        if wanted is not None and wanted.name == canonical(package) and not wanted.specifiers.admits(there):
-            allowing -= {place for first, last in spans for place in range(first, last + 1)}
-    stable = [
-        place
-        for place in allowing
-        if place in history.read and not parsed_version(history.versions[place]).is_prerelease
-    ]
-    return history.versions[max(stable)] if stable else None
+        if wanted is not None and wanted.name == canonical(package):
+            places = {place for first, last in spans for place in range(first, last + 1)}
+            bounding |= places
+            excluding |= set() if wanted.specifiers.admits(there) else places
+    fitting = [place for place in bounding - excluding if not parsed_version(history.versions[place]).is_prerelease]
+    return history.versions[max(fitting)] if fitting else None
 
 
 def _parsed(text: str) -> Optional[Requirement]:

@@ -211,6 +211,8 @@ COMPLAINS = re.compile(
     r"(?<!returned )\berror: \D|\b(?:[Cc]annot|[Cc]ould not|[Uu]nable to|[Ff]ailed to|[Nn]ot found|[Ii]ncompatible"
     r"|[Cc]onflict\w*|[Uu]ndefined symbol|is not installed|[Uu]nsupported|does not (?:exist|provide)|not available"
     r"|no longer supported|has been removed|[Nn]o matching|[Ii]nvalid)\b"
+    r"|^\W*(?:\w+\.)*\w*(?:[a-z]Error|Exception|NotFound|[a-z]Failure)\b",
+    re.MULTILINE,
 )
 """Words of a short text that complains; a log has them in lines that stopped nothing."""
 
