@@ -129,7 +129,7 @@ def wrapped(line: str, scene: Scene) -> Causes:
     history = scene.load("gymnasium")
     is_own = bool(history and any(name in names for path, names in _members(history) if path.endswith("." + owner)))
     if scene.versions.get("gymnasium", FORWARDING).split(".")[0] != "0" and not is_own:
-        text = "since {} wrappers of gymnasium do not forward attributes, and `{}` belongs to the environment inside".format(
+        text = "since {} gymnasium's wrappers forward no attributes, and `{}` belongs to the environment inside".format(
             FORWARDING, name
         )
         way = "Or write `env.unwrapped.{}`.".format(name)
