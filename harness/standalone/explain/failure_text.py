@@ -210,7 +210,7 @@ RAISED = re.compile(
 COMPLAINS = re.compile(
     r"(?<!returned )\berror: \D|\b(?:[Cc]annot|[Cc]ould not|[Uu]nable to|[Ff]ailed to|[Nn]ot found|[Ii]ncompatible"
     r"|[Cc]onflict\w*|[Uu]ndefined symbol|is not installed|[Uu]nsupported|does not (?:exist|provide)|not available"
-    r"|no longer supported|has been removed|[Nn]o matching|[Ii]nvalid)\b"
+    r"|no longer supported|has been removed|has no attribute|[Nn]o matching|[Ii]nvalid)\b"
     r"|^\W*(?:\w+\.)*\w*(?:[a-z]Error|Exception|NotFound|[a-z]Failure)\b",
     re.MULTILINE,
 )
