@@ -42,6 +42,7 @@ RULES: Sequence[Tuple[Rule, bool]] = (
     (missing_files.causes, True),
     (api_causes.wrapped, False),
     (api_causes.causes, False),
+    (api_causes.misplaced, False),
     (api_causes.absent, True),
     (call_causes.causes, False),
 )

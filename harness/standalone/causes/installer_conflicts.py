@@ -62,6 +62,7 @@ GONE = Pattern(
     r"\b([\w.-]+) ?==?=?([\w.]+)(?:[= ](\w+))?",
     "ResolvePackageNotFound", "PackagesNotFoundError", "nothing provides requested",
 )  # fmt: skip
+METADATA = Pattern(r"No package metadata was found for ({0})".format(PACKAGE), "No package metadata")
 NEEDED = Pattern(r"nothing provides (\S+)(?: (\S+))? needed by ([\w.-]+?)-(\d[\w.]*)", "nothing provides ")
 
 
@@ -203,8 +204,8 @@ def refusals(line: str, scene: Scene) -> Causes:
         if name not in {"pip", "install", "the", "it", "e"}:
             yield Cause(name, "an optional package is missing, and the message names it", {"requirements": [wanted]})
     else:
-        absent = ABSENT.search(line)
-        name = package_with(absent.group(1)) if absent else None
+        absent, metadata = ABSENT.search(line), METADATA.search(line)
+        name = canonical(metadata.group(1)) if metadata else package_with(absent.group(1)) if absent else None
         if name:
             yield Cause(name, "the package {} is not installed for this Python".format(name), {"requirements": [name]})
 
