@@ -32,7 +32,7 @@ Index = dict[str, Any]
 
 def load_signatures() -> list[matching.Signature]:
     """Return the known failures in the form that the standalone modules read. Raises BadInput."""
-    index = _load()
+    index = load_index()
     literals.remember(index["literals"])
     return [matching.read(plain) for plain in index["signatures"]]
 
@@ -43,11 +43,12 @@ def load_measured() -> dict[str, Any]:
         from harness.reports.answers import result_index  # noqa: PLC0415 - start-up
 
         return result_index.load_plain()
-    return {"cells": _load()["cells"]}
+    return {"cells": load_index()["cells"]}
 
 
 @cache
-def _load() -> Index:
+def load_index() -> Index:
+    """Return the contents of the file, which is made if there is none. Raises BadInput."""
     file = cache_path() / "remembered" / KIND / _name()
     with suppress(OSError, ValueError, KeyError):
         index: Index = json.loads(file.read_bytes())
