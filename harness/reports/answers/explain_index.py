@@ -24,7 +24,7 @@ ROOMS = ("matrix", "model", "reports", "standalone/failures")
 """Rooms whose code makes what the file holds."""
 
 KIND = "explain"
-KEPT = 16
+MOST = 16
 """Files that are kept: several checkouts share a cache."""
 
 Index = dict[str, Any]
@@ -100,6 +100,6 @@ def _keep(file: Path, content: bytes) -> None:
 
     with suppress(OSError, BadInput):
         folder = store.cache_folder() / "remembered" / KIND
-        for old in sorted(folder.glob("*"), key=lambda each: each.stat().st_mtime)[: -KEPT + 1]:
+        for old in sorted(folder.glob("*"), key=lambda each: each.stat().st_mtime)[: -MOST + 1]:
             old.unlink(missing_ok=True)
         store.write_atomic(folder / file.name, content)

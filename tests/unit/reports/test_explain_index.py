@@ -52,9 +52,7 @@ def test_the_file_holds_what_the_signatures_and_reports_do(cache: Path) -> None:
     assert len(list(cache.iterdir())) == 1
 
 
-def test_the_file_is_made_anew_when_a_signature_changes(
-    cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_changed_signature_makes_another_file(cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another folder of signatures is another file, and a damaged file is made again."""
     folder = tmp_path / "signatures"
     folder.mkdir()

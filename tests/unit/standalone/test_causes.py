@@ -53,7 +53,7 @@ def test_a_text_that_only_mentions_a_failure_shows_none(text: str) -> None:
     assert explanation.causes == ()
 
 
-def test_a_line_that_begins_with_the_error_is_a_failure_whatever_else_is_said() -> None:
+def test_a_line_that_begins_with_the_error_is_a_failure() -> None:
     """Somebody asks, and says what did not help."""
     text = "ImportError: libGL.so.1: cannot open shared object file\nI thought this was fixed in the last release"
     assert explained(text) is not None
