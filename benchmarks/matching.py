@@ -1,7 +1,8 @@
-"""Measure how much time it saves to search for literals first: `python benchmarks/matching.py` writes `matching.md`.
+"""Measure how fast known failures are looked for, and how long `explain` takes: `python benchmarks/matching.py`.
 
-Every known pattern is searched for in texts of the sizes that are kept of a log, once by the regular expression alone
-and once after the literals that it needs; both find the same. Each figure is a median, the two sides in turn.
+It writes `matching.md`. Every known pattern is searched for in texts of the sizes that are kept of a log, once by the
+regular expression alone and once after the literals that it needs; both find the same. Each figure is a median, the
+two sides in turn. `explain` is a process of its own, on a line and on logs of 50 MB.
 """
 
 from __future__ import annotations
@@ -9,6 +10,9 @@ from __future__ import annotations
 import argparse
 import platform
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
@@ -45,8 +49,67 @@ def main() -> None:
         "| text | characters | found | patterns alone | literals first | ratio |\n"
         "| --- | --- | --- | --- | --- | --- |\n"
     )
-    (HERE / "matching.md").write_text(head + "".join(rows))
+    (HERE / "matching.md").write_text(head + "".join(rows) + _answers(runs))
     print((HERE / "matching.md").read_text())
+
+
+TRACEBACK = """Traceback (most recent call last):
+  File "/home/user/train.py", line {}, in <module>
+    env.step(1)
+  File "/opt/env/lib/python3.11/site-packages/gym/utils/passive_env_checker.py", line 233, in env_step_passive_checker
+    if not isinstance(terminated, (bool, np.bool8)):
+AttributeError: module 'numpy' has no attribute 'bool8'
+"""
+LONG = 50_000_000
+LINES = {
+    "a line that a signature knows": "AttributeError: module 'numpy' has no attribute 'bool8'\n",
+    "a line that a history answers": "ModuleNotFoundError: No module named 'gym.envs.robotics'\n",
+    "a line of which nothing is known": "ValueError: no wings\n",
+}
+
+
+def _answers(runs: int) -> str:
+    """Return the table of whole answers: seconds from the start of the process, and its memory."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "text.log"
+        texts = {**LINES, **{f"50 MB of log, {what}": "" for what in ("one traceback at its end", "one in 50 lines")}}
+        for what, line in texts.items():
+            file.write_text(line or _long_log(often="50 lines" in what))
+            rows.append(_answer_row(what, file, runs))
+    head = "\n`explain FILE`, medians from the start of the process:\n\n"
+    return head + "| text | seconds | seconds of processor | memory |\n| --- | --- | --- | --- |\n" + "".join(rows)
+
+
+def _long_log(*, often: bool) -> str:
+    lines = _log(LONG).splitlines(keepends=True)
+    every = range(0, len(lines), 50) if often else ()
+    for place in every:
+        lines[place] = TRACEBACK.format(place)
+    return "".join([*lines, TRACEBACK.format(7)])
+
+
+def _answer_row(what: str, file: Path, runs: int) -> str:
+    command = (sys.executable, "-m", "harness", "explain", str(file))
+    figures = [_run_once(command) for _ in range(runs + 1)][1:]  # the first call makes the file that the others read
+    seconds, processor, memory = (statistics.median(column) for column in zip(*figures, strict=True))
+    return f"| {what} | {seconds:.2f} s | {processor:.2f} s | {memory:.0f} MB |\n"
+
+
+SPAWN = """
+import os, subprocess, sys, time
+start = time.perf_counter()
+process = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+usage = os.wait4(process.pid, 0)[2]
+print(time.perf_counter() - start, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1000)
+"""
+"""A small process between us and `explain`: Linux counts what a parent held when it forked as the child's memory."""
+
+
+def _run_once(command: Sequence[str]) -> tuple[float, ...]:
+    """Return the seconds, the seconds of processor, and the megabytes that a process took."""
+    printed = subprocess.run([sys.executable, "-c", SPAWN, *command], check=True, capture_output=True, text=True)
+    return tuple(map(float, printed.stdout.split()))
 
 
 def _log(size: int) -> str:

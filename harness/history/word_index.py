@@ -13,10 +13,11 @@ from typing import Any
 import msgspec
 
 from harness.machine.store import write_atomic
+from harness.standalone.explain.api_history import decode
 
 FOLDER = Path(__file__).parents[2] / "matrices" / "history"
 INDEX = FOLDER / "words.json.gz"
-NO_HISTORIES = frozenset({"debian-files", "words"})
+NO_HISTORIES = frozenset({"debian-files", "imports", "words"})
 
 
 def main() -> None:
@@ -27,8 +28,9 @@ def main() -> None:
 def read_histories(folder: Path) -> Iterator[Mapping[str, Any]]:
     """Yield the histories of a folder as plain data."""
     for file in sorted(folder.glob("*.json.gz")):
-        if file.name.partition(".")[0] not in NO_HISTORIES:
-            yield msgspec.json.decode(gzip.decompress(file.read_bytes()))
+        history = None if file.name.partition(".")[0] in NO_HISTORIES else decode(file.read_bytes())
+        if history is not None:
+            yield history.plain
 
 
 def encode(histories: Iterable[Mapping[str, Any]]) -> bytes:

@@ -9,11 +9,15 @@ from typing import Container, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 
 class Installer(NamedTuple):
-    """Commands of one environment: `prepare` is typed first, `install` and `uninstall` take packages after them."""
+    """Commands of one environment: `prepare` is typed first, `install` and `uninstall` take packages after them.
+
+    `conda` is whether conda made the environment.
+    """
 
     install: str
     uninstall: str
     prepare: Tuple[str, ...] = ()
+    conda: bool = False
 
     def installing(self, requirements: Sequence[str]) -> Tuple[str, ...]:
         """Return the lines to type that install these requirements."""
@@ -39,13 +43,14 @@ def installer(
     if python is None:
         return PIP
     quoted = shlex.quote(python)
-    by_pip = Installer("{} -m pip install".format(quoted), "{} -m pip uninstall".format(quoted))
+    prefix = os.path.dirname(os.path.dirname(python))
+    conda = os.path.isdir(os.path.join(prefix, "conda-meta"))
+    by_pip = Installer("{} -m pip install".format(quoted), "{} -m pip uninstall".format(quoted), conda=conda)
     if installed is None or "pip" in installed:
         return by_pip
     if shutil.which("uv", path=variables.get("PATH", os.defpath)):
         place = "--python {}".format(quoted)
         return Installer("uv pip install {}".format(place), "uv pip uninstall {}".format(place))
-    prefix = os.path.dirname(os.path.dirname(python))
-    if os.path.isdir(os.path.join(prefix, "conda-meta")):
+    if conda:
         return by_pip._replace(prepare=("conda install --prefix {} pip".format(shlex.quote(prefix)),))
     return by_pip._replace(prepare=("{} -m ensurepip".format(quoted),))

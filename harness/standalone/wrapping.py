@@ -8,7 +8,7 @@ import shutil
 import textwrap
 from typing import Iterable, Iterator, List, Optional, TextIO
 
-SENTENCE = re.compile(r"^(?:cause|also|remedy|that is|warning|note|hidden by): +")
+SENTENCE = re.compile(r"^(?:cause|also|remedy|that is|warning|note|hidden by|because|derived): +")
 NARROWEST = 40
 
 

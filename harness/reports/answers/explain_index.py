@@ -24,7 +24,7 @@ ROOMS = ("matrix", "model", "reports", "standalone/failures")
 """Rooms whose code makes what the file holds."""
 
 KIND = "explain"
-KEPT = 16
+MOST = 16
 """Files that are kept: several checkouts share a cache."""
 
 Index = dict[str, Any]
@@ -32,7 +32,7 @@ Index = dict[str, Any]
 
 def load_signatures() -> list[matching.Signature]:
     """Return the known failures in the form that the standalone modules read. Raises BadInput."""
-    index = _load()
+    index = load_index()
     literals.remember(index["literals"])
     return [matching.read(plain) for plain in index["signatures"]]
 
@@ -43,11 +43,12 @@ def load_measured() -> dict[str, Any]:
         from harness.reports.answers import result_index  # noqa: PLC0415 - start-up
 
         return result_index.load_plain()
-    return {"cells": _load()["cells"]}
+    return {"cells": load_index()["cells"]}
 
 
 @cache
-def _load() -> Index:
+def load_index() -> Index:
+    """Return the contents of the file, which is made if there is none. Raises BadInput."""
     file = cache_path() / "remembered" / KIND / _name()
     with suppress(OSError, ValueError, KeyError):
         index: Index = json.loads(file.read_bytes())
@@ -99,6 +100,6 @@ def _keep(file: Path, content: bytes) -> None:
 
     with suppress(OSError, BadInput):
         folder = store.cache_folder() / "remembered" / KIND
-        for old in sorted(folder.glob("*"), key=lambda each: each.stat().st_mtime)[: -KEPT + 1]:
+        for old in sorted(folder.glob("*"), key=lambda each: each.stat().st_mtime)[: -MOST + 1]:
             old.unlink(missing_ok=True)
         store.write_atomic(folder / file.name, content)

@@ -26,7 +26,7 @@ IMPORTED = Pattern(
 MODULE = Pattern("No module named {0}?({1}){0}?".format(QUOTE, DOTTED), "No module named ")
 MEMBER = Pattern("{0}({1}){0} (?:object )?has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD), "has no attribute")
 SCHEMA = Pattern(
-    r"XML Error: Schema violation: unrecognized (element|attribute)"
+    r"XML [Ee]rror: Schema violation: unrecognized (element|attribute)"
     r"(?:: {0}?(\w+){0}?)?(?:\W+Element {0}(\w+){0})?".format(QUOTE),
     "Schema violation",
 )
@@ -42,6 +42,7 @@ STANDARD = {
     "asyncore": ("", "Python 3.12 removed the module `asyncore`"),
     "cgi": ("", "Python 3.13 removed the module `cgi`"),
     "cmake": ("", "the script `cmake` here belongs to a Python package, which an isolated build does not see"),
+    "swig": ("", "the script `swig` here belongs to a Python package, which an isolated build does not see"),
     "_tkinter": ("", "this Python was built without tkinter"),
 }
 """Modules that came with Python or with every environment, the package that brings them, and why they are missing."""
@@ -50,6 +51,9 @@ UPDATE = "Or take a newer release of the package that imports it."
 OTHER_REMEDIES: Dict[str, Dict[str, Any]] = {
     "cmake": {
         "text": "Install the system's own: `apt-get install cmake` (or by conda), and remove the script from PATH."
+    },
+    "swig": {
+        "text": "Install the system's own: `apt-get install swig` (or by conda), and remove the script from PATH."
     },
     "_tkinter": {"text": "Install it: `apt-get install python3-tk`, or take a Python of conda or python.org."},
 }
@@ -60,7 +64,7 @@ FORWARDING = "1.0"
 
 def causes(line: str, scene: Scene) -> Causes:
     """Yield the cause that a history gives: the one package whose releases differ in the name."""
-    for rule in (_wrapper, _attribute, _some_module, _module, _member, _schema):
+    for rule in (_attribute, _some_module, _module, _member, _schema):
         answers: Dict[str, Cause] = {}
         for what, there in rule(line, scene):
             if there is not None:
@@ -118,21 +122,22 @@ def _module(line: str, scene: Scene) -> Answers:
             yield "the module `{}`".format(module), where(history, history.spans("modules", module), scene)
 
 
-def _wrapper(line: str, scene: Scene) -> Answers:
-    """Yield where gymnasium's own wrapper was asked for an attribute of the environment that it wraps."""
+def wrapped(line: str, scene: Scene) -> Causes:
+    """Yield the cause that a wrapper of gymnasium was asked for an attribute of the environment that it wraps."""
     match = MEMBER.search(line)
     if match is None or "object has no attribute" not in line:
         return
     owner, name = match.group(1).rpartition(".")[2], match.group(2)
-    if not name.startswith("_") and owner in WRAPPERS and (scene.installed is None or "gymnasium" in scene.installed):
-        version = scene.versions.get("gymnasium", "1.0")
-        history = scene.load("gymnasium")
-        is_own = bool(history and any(name in names for path, names in _members(history) if path.endswith("." + owner)))
-        if version.split(".")[0] != "0" and not is_own:
-            yield (
-                "attributes of the wrapped environment (`{}` of `{}`)".format(name, owner),
-                Availability("gymnasium", None, None, FORWARDING, True, "gymnasium<{}".format(FORWARDING)),
-            )
+    if name.startswith("_") or owner not in WRAPPERS or (scene.installed and "gymnasium" not in scene.installed):
+        return
+    history = scene.load("gymnasium")
+    is_own = bool(history and any(name in names for path, names in _members(history) if path.endswith("." + owner)))
+    if scene.versions.get("gymnasium", FORWARDING).split(".")[0] != "0" and not is_own:
+        text = "since {} gymnasium's wrappers forward no attributes, and `{}` belongs to the environment inside".format(
+            FORWARDING, name
+        )
+        way = "Or write `env.unwrapped.{}`.".format(name)
+        yield Cause("gymnasium", text, requirement_remedy("gymnasium<{}".format(FORWARDING), way))
 
 
 WRAPPERS = frozenset(
@@ -184,6 +189,23 @@ def _schema(line: str, scene: Scene) -> Answers:
         }
     )
     yield what, where(history, [(place, place) for place in places], scene, history.ran)
+
+
+def misplaced(line: str, scene: Scene) -> Causes:
+    """Yield the cause that a model has an element that every release of MuJoCo knows, where it may not stand."""
+    match = SCHEMA.search(scene.failure.text if "Schema violation" in line else line)
+    history = scene.history("mujoco") if match else None
+    if match is None or history is None or match.group(1) != "element":
+        return
+    name = match.group(2) or match.group(3)
+    spans = [each for key, each in history.plain.get("schema", {}).items() if name and key.endswith("/{}".format(name))]
+    having = {place for each in spans for first, last in each for place in range(first, last + 1)}
+    if having >= set(history.ran) and having:
+        text = "every release of MuJoCo knows the element `{}`: it stands where the schema does not allow it".format(
+            name
+        )
+        way = "Move it: a file with whole sections (compiler, asset, worldbody) is included at the top, not in a body."
+        yield Cause("model", text, {"text": way})
 
 
 def absent(line: str, scene: Scene) -> Causes:

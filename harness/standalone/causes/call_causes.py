@@ -26,6 +26,9 @@ UNPACK = Pattern(r"(not enough|too many) values to unpack \(expected (\d)(?:, go
 ALIKE = 2
 """Packages that may be named for one call."""
 
+SUBCLASSED = frozenset({"gym", "gymnasium"})
+"""Packages whose classes everybody derives from: of many that differ in a call, these are the likely ones."""
+
 SPREAD = 3
 """Classes that one word of a line by itself may mean."""
 
@@ -45,6 +48,8 @@ def causes(line: str, scene: Scene) -> Causes:
             text = _words(call, history, there)
             answers.setdefault(there.package, Cause(there.package, text, requirement_remedy(there.bound)))
     # Of several packages that differ in it, none is accused, unless they changed alike, as gym and gymnasium did.
+    if len(answers) > ALIKE:
+        answers = {package: cause for package, cause in answers.items() if package in SUBCLASSED}
     sides = {cause.remedy["requirements"][0].partition("<")[1] for cause in answers.values()}
     yield from list(answers.values()) if len(answers) == 1 or (len(answers) == ALIKE and sides == {"<"}) else ()
 
@@ -89,7 +94,8 @@ def _fitting(call: Call, scene: Scene) -> Iterator[Tuple[History, Availability]]
     """Yield the packages whose releases differ in whether a function may be called so."""
     if "." not in call.function and (not call.word or not (scene.is_pasted or scene.modules) or scene.is_own):
         return
-    for history in spoken_of(scene, call.function, "parameters", call.word):
+    kinds = ("parameters", "members") if call.names else ("parameters",)
+    for history in (each for kind in kinds for each in spoken_of(scene, call.function, kind, call.word)):
         if scene.is_pasted and "." not in call.function and not _tied(call.word, scene, history):
             continue
         answers: List[Availability] = []
@@ -97,9 +103,28 @@ def _fitting(call: Call, scene: Scene) -> Iterator[Tuple[History, Availability]]
             if path.endswith("." + call.function):
                 there = _of_path(history, texts, call, scene)
                 answers += [there] if there is not None else []
+        answers += _of_fields(history, call, scene) if not answers else []
         bounds = {each.bound for each in answers}
         if len(bounds) == 1 and (len(answers) <= SPREAD or "." in call.function):
             yield history, answers[0]
+
+
+def _of_fields(history: History, call: Call, scene: Scene) -> List[Availability]:
+    """Return where a class has a field, for a data class: nobody wrote its `__init__` down."""
+    owner, _, function = call.function.rpartition(".")
+    if not owner or function != "__init__" or not call.names:
+        return []
+    answers = []
+    for path, members in history.plain.get("members", {}).items():
+        if path.rpartition(".")[2] == owner.rpartition(".")[2] and call.names in members:
+            places = sorted({place for spans in members.values() for place in _places(spans)} & set(history.read))
+            there = where(history, members[call.names], scene, places)
+            answers += [there] if there is not None else []
+    return answers
+
+
+def _places(spans: Sequence[Any]) -> Iterator[int]:
+    return (place for first, last in spans for place in range(first, last + 1))
 
 
 def _tied(word: str, scene: Scene, history: History) -> bool:

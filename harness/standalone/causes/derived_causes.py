@@ -40,7 +40,9 @@ RULES: Sequence[Tuple[Rule, bool]] = (
     (gpu_causes.causes, True),
     (native_causes.causes, True),
     (missing_files.causes, True),
+    (api_causes.wrapped, False),
     (api_causes.causes, False),
+    (api_causes.misplaced, False),
     (api_causes.absent, True),
     (call_causes.causes, False),
 )

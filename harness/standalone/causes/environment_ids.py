@@ -10,10 +10,10 @@ from .scene import QUOTE, Cause, Causes, Pattern, Scene
 
 UNKNOWN_ID = Pattern(
     "(?:Environment|\\bEnv(?= )|No registered env with id:?|No registered environment with (?:name|id):?"
-    "|Unknown environment:?|Namespace|Module|not find (?:the )?environment:?) ?{0}?([\\w:./-]+?){0}?"
+    "|Unknown environment:?|Namespace|not find (?:the )?environment:?) ?{0}?([\\w:./-]+?){0}?"
     "(?: doesn't exist| not found|[.,!`'\"\\s]|$)"
     .format(QUOTE),
-    "nvironment", "registered env", "Namespace", "Env ",
+    "nvironment", "registered env", "Namespace", "Env ", "not find",
 )  # fmt: skip
 IS_ERROR = re.compile(
     r"Error|DeprecatedEnv|Exception|NotFound|No registered|doesn't exist|Namespace \S+ not found|not find"

@@ -58,8 +58,8 @@ def causes(line: str, scene: Scene) -> Causes:
     elif VULKAN.search(line) and not MEMORY.search(line):
         yield Cause(
             "vulkan-driver",
-            "Vulkan finds no usable driver for a GPU: the NVIDIA driver's Vulkan part (nvidia_icd.json), or a library"
-            " that it loads, is missing",
+            "Vulkan finds no usable driver for a GPU: the NVIDIA driver's Vulkan part (nvidia_icd.json) is missing, or"
+            " a library that it loads",
             {
                 "text": "Check `vulkaninfo --summary`. Install `apt-get install libvulkan1 libxext6 libegl1` and the"
                 " whole nvidia-driver; in a container set NVIDIA_DRIVER_CAPABILITIES=all, and let VK_ICD_FILENAMES name"

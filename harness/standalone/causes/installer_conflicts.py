@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Optional
+from typing import Optional, Set
 
 from ..explain.import_names import package_with
 from ..requirements import Requirement, requirement
@@ -62,6 +62,7 @@ GONE = Pattern(
     r"\b([\w.-]+) ?==?=?([\w.]+)(?:[= ](\w+))?",
     "ResolvePackageNotFound", "PackagesNotFoundError", "nothing provides requested",
 )  # fmt: skip
+METADATA = Pattern(r"No package metadata was found for ({0})".format(PACKAGE), "No package metadata")
 NEEDED = Pattern(r"nothing provides (\S+)(?: (\S+))? needed by ([\w.-]+?)-(\d[\w.]*)", "nothing provides ")
 
 
@@ -86,21 +87,20 @@ def _incompatible(line: str, scene: Scene) -> Optional[Cause]:
 
 
 def _allowing(scene: Scene, name: str, package: str, there: str) -> Optional[str]:
-    """Return the newest release of a package that allows a release of another one; None if none is known."""
+    """Return the newest release of a package that requires another one and allows this release of it."""
     history = scene.load(canonical(name))
     if history is None or not is_version(there):
         return None
-    allowing = set(range(len(history.versions)))
+    bounding: Set[int] = set()
+    excluding: Set[int] = set()
     for text, spans in history.plain.get("requires", {}).items():
         wanted = _parsed(text)
-        if wanted is not None and wanted.name == canonical(package) and not wanted.specifiers.admits(there):
-            allowing -= {place for first, last in spans for place in range(first, last + 1)}
-    stable = [
-        place
-        for place in allowing
-        if place in history.read and not parsed_version(history.versions[place]).is_prerelease
-    ]
-    return history.versions[max(stable)] if stable else None
+        if wanted is not None and wanted.name == canonical(package):
+            places = {place for first, last in spans for place in range(first, last + 1)}
+            bounding |= places
+            excluding |= set() if wanted.specifiers.admits(there) else places
+    fitting = [place for place in bounding - excluding if not parsed_version(history.versions[place]).is_prerelease]
+    return history.versions[max(fitting)] if fitting else None
 
 
 def _parsed(text: str) -> Optional[Requirement]:
@@ -204,8 +204,8 @@ def refusals(line: str, scene: Scene) -> Causes:
         if name not in {"pip", "install", "the", "it", "e"}:
             yield Cause(name, "an optional package is missing, and the message names it", {"requirements": [wanted]})
     else:
-        absent = ABSENT.search(line)
-        name = package_with(absent.group(1)) if absent else None
+        absent, metadata = ABSENT.search(line), METADATA.search(line)
+        name = canonical(metadata.group(1)) if metadata else package_with(absent.group(1)) if absent else None
         if name:
             yield Cause(name, "the package {} is not installed for this Python".format(name), {"requirements": [name]})
 

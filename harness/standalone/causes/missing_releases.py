@@ -32,6 +32,14 @@ TAGS = Pattern(
     r" ([`\w, ]+)".format(PACKAGE),
     "we only found wheels for",
 )
+WANTS = Pattern(
+    r"[Mm]ust use [Pp]ython ?(?:>=)? ?(3\.\d+)|[Rr]equires? (?:at least )?[Pp]ython ?(?:>=|version)? ?(3\.\d+)"
+    r"(?:\.\d+)? ?(?:\+|or (?:newer|later|higher|above|greater))|[Pp]ython (3\.\d+)"
+    r"(?:\+| or (?:newer|later|higher|above)) is required",
+    "ython",
+)
+"""What a program says itself of the Python that it needs."""
+
 NO_VERSION = Pattern(
     r"there (?:is|are) no versions? of ({0})==(\d[\w.+!]*)".format(PACKAGE), "there is no", "there are"
 )
@@ -43,7 +51,7 @@ NIGHTLY = re.compile(r"\.dev\d+")
 
 def causes(line: str, scene: Scene) -> Causes:
     """Yield the cause where a line of an installer names a release that cannot be had."""
-    for rule in (_other_python, _no_tag, _wanted, _no_version):
+    for rule in (_other_python, _no_tag, _wanted, _no_version, _python_wanted):
         cause = rule(line, scene)
         if cause is not None:
             yield cause
@@ -69,6 +77,15 @@ def _python_cause(package: str, version: Optional[str], wants: str, python: str,
     newest = newest_for(history, ".".join(python.split(".")[:2])) if history else None
     way = "Or take `{}=={}`, the newest for Python {}.".format(package, newest, python) if newest else ""
     return Cause("python", text, {"python": wants, "text": way} if way else {"python": wants})
+
+
+def _python_wanted(line: str, scene: Scene) -> Optional[Cause]:
+    match = WANTS.search(line)
+    if match is None or not re.search(r"Error|error|Exception|must|Must", line):
+        return None
+    version = next(filter(None, match.groups()))
+    text = "the program needs Python {} or newer, and an older one runs it".format(version)
+    return Cause("python", text, {"python": ">={}".format(version)})
 
 
 def _no_tag(line: str, scene: Scene) -> Optional[Cause]:

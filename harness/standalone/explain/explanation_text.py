@@ -9,6 +9,7 @@ from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence
 from ..failures.matching import Diagnosis
 from ..failures.remedies import in_words
 from ..installing import Installer, installer
+from ..requirements import named
 from .explain_text import Explanation
 
 FAULTS = "PYTHONFAULTHANDLER"
@@ -44,7 +45,8 @@ def lines(explanation: Explanation, place: Place) -> Iterator[str]:
         yield from _unknown(explanation)
     else:
         yield from _cause(explanation.cause)
-        for other in [hit for hit in explanation.causes if not hit.signature.masks][1 : 1 + LIKE_IT]:
+        others = [hit for hit in explanation.causes[1:] if not hit.signature.masks]
+        for other in [hit for hit in others if not _says_the_same(hit, explanation.cause)][:LIKE_IT]:
             yield "also:      {} ({})".format(other.signature.plain["cause"], other.seen)
     if explanation.cause is not None:
         yield from _describe_masks(explanation)
@@ -57,6 +59,15 @@ def lines(explanation: Explanation, place: Place) -> Iterator[str]:
         yield "output:    {}".format(place.output_file)
 
 
+def _says_the_same(hit: Diagnosis, cause: Diagnosis) -> bool:
+    """Return whether two causes of one line are about the same packages: one derived, the other documented."""
+    packages = [
+        {named(text) for text in each.signature.plain.get("remedy", {}).get("requirements", ())}
+        for each in (hit, cause)
+    ]
+    return hit.seen == cause.seen and bool(packages[0]) and packages[0] <= packages[1]
+
+
 def _cause(hit: Diagnosis) -> Iterator[str]:
     plain = hit.signature.plain
     yield "failed:    {}".format(hit.seen)
@@ -65,7 +76,7 @@ def _cause(hit: Diagnosis) -> Iterator[str]:
     for number, link in enumerate(list(plain.get("references", ()))[:LIKE_IT]):
         yield "{} {}".format("reference:" if number == 0 else "          ", link)
     if plain.get("derived"):
-        yield "derived:   from what releases contain and the line says; nobody wrote this case down"
+        yield "derived:   from what releases contain, and from the line itself"
     else:
         yield "known as:  {}".format(hit.signature.id)
 
@@ -85,14 +96,17 @@ def _unknown(explanation: Explanation) -> Iterator[str]:
 
 
 def _describe_masks(explanation: Explanation) -> Iterator[str]:
-    """Yield the lines that hide the cause, each once.
+    """Yield the lines that hide the cause, each once, and why they do.
 
     If the cause is unknown, the explanation of one such line follows.
     """
     shown = explanation.cause.seen if explanation.cause else explanation.failure.decisive
     masks = [hit for hit in explanation.diagnoses if hit.signature.masks and hit.seen != shown]
+    reasons = {hit.seen: hit.signature.plain["cause"] for hit in reversed(masks)}
     for line in dict.fromkeys(hit.seen for hit in masks):
         yield "hidden by: {}".format(line)
+        if explanation.cause is not None:
+            yield "because:   {}".format(reasons[line].partition(". ")[0].rstrip(".") + ".")
     named = [hit for hit in masks if hit.signature.packages] if explanation.cause is None else []
     for hit in named[:1]:
         yield "           {}".format(hit.signature.plain["cause"])
@@ -135,6 +149,11 @@ def _suggest_remedy(remedy: Mapping[str, Any], place: Place) -> Iterator[str]:
         yield "export {}={}".format(name, shlex.quote(value)) if value else "unset {}".format(name)
     for name, value in (remedy.get("build_variables") or {}).items():
         yield "export {}={}".format(name, shlex.quote(value))
+    if not requirements and not remedy.get("environment"):
+        commands = COMMAND.findall(str(remedy.get("text", "")))
+        of_conda = [command for command in commands if command.startswith("conda ")]
+        others = [command for command in commands if not command.startswith("conda ")]
+        yield from ((of_conda if by.conda else others) or commands)[:1]
 
 
 def _suggest_measurement(explanation: Explanation, place: Place) -> Iterator[str]:
@@ -156,6 +175,9 @@ def subjects(packages: Mapping[str, str]) -> List[str]:
     names = [name for name in packages if name in SUBJECTS]
     return ["{}=={}".format(name, packages[name]) for name in names] if set(names) - {"numpy"} else []
 
+
+COMMAND = re.compile(r"`((?:apt-get|conda|pip|export|unset|python) [^`]+)`")
+"""A command within the text of a remedy."""
 
 SILENT = "without a word"
 """How a line ends that nobody wrote: there is nothing to search for."""

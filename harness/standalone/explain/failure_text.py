@@ -61,7 +61,7 @@ def read_failure(text: str, *, surely: bool = False) -> Failure:
     decisive = gave_up if gave_up and not picked else said.decisive_line(text)
     marked = bool(picked or gave_up or killed or MARKED.search(text) or NAMED.search(text))
     if len(lines) <= QUOTED:
-        marked = marked or RAISED.search(text) is not None or COMPLAINS.search(text) is not None
+        marked = marked or RAISED.search(text) is not None or _complains(lines)
     failed = marked or surely
     first = decisive if failed else None
     every = [line for line in [first, *reversed(picked), *_complaints(lines)] if line]
@@ -202,7 +202,8 @@ NAMED = re.compile(r"\b[A-Za-z]*(?:Error|Exception): \D")
 RAISED = re.compile(
     r"^(?:[a-z_]\w*\.)+[A-Z]\w+: \S"
     r"|^[A-Z][A-Za-z]*(?:NotFound|Fault|Failed|Failure|Missing): \S"
-    r"|^(?:Deprecated|Invalid|Unregistered|Unsupported)[A-Z]\w*: \S",
+    r"|^(?:Deprecated|Invalid|Unregistered|Unsupported)[A-Z]\w*: \S"
+    r"|^\W*(?:\w+\.)*\w*(?:[A-Za-z]Error|Exception)(?:: .*)?$",
     re.MULTILINE,
 )
 """The beginning of an exception that is not called an error. Other lines begin so, too: it counts in short texts."""
@@ -210,9 +211,16 @@ RAISED = re.compile(
 COMPLAINS = re.compile(
     r"(?<!returned )\berror: \D|\b(?:[Cc]annot|[Cc]ould not|[Uu]nable to|[Ff]ailed to|[Nn]ot found|[Ii]ncompatible"
     r"|[Cc]onflict\w*|[Uu]ndefined symbol|is not installed|[Uu]nsupported|does not (?:exist|provide)|not available"
-    r"|no longer supported|has been removed|[Nn]o matching|[Ii]nvalid)\b"
+    r"|no longer supported|has been removed|has no attribute|[Nn]o matching|[Ii]nvalid)\b"
 )
-"""Words of a short text that complains; a log has them in lines that stopped nothing."""
+"""Words of a line by itself that complains; a log has them in lines that stopped nothing."""
+
+
+def _complains(lines: Sequence[str]) -> bool:
+    """Return whether a text is one line that complains, and no warning."""
+    written = [line for line in lines if line.strip()]
+    return len(written) == 1 and "Warning" not in written[0] and COMPLAINS.search(written[0]) is not None
+
 
 QUOTED = 4
 """Lines of a text that is no log: somebody asks what they mean."""
