@@ -210,6 +210,10 @@ def _trap_blocks(answer: Recommended, width: int) -> Iterator[list[str]]:
     for combination in answer.newer:
         minor = install_commands.minor(combination)
         works = f"{versions_words(combination.versions)} works on Python {minor}"
+        if answer.newer_unfit:
+            opened = unbroken("simmatrix", "show", combination.cell)
+            yield _block(f"{works}; {answer.newer_unfit}", f"use Python {minor}", opened, width)
+            continue
         pins = [f"{name}=={version}" for name, version in combination.versions.items()]
         command = try_command(pins, answer.python).replace(" ", SPACE)
         yield _block(f"{works}, and was never measured as a whole on {answer.python}", "", command, width)
@@ -219,7 +223,7 @@ def _trap_blocks(answer: Recommended, width: int) -> Iterator[list[str]]:
             yield _block(f"{versions_words(combination.versions)}: {why}", "", opened, width)
     for part in [] if answer.apart else answer.partly[:1]:
         yield from _failing_tasks(part, width)
-    yield from (_block(describe_trap(trap), advice(trap), opener(trap), width) for trap in select_traps(answer))
+    yield from (_trap_block(trap, answer, width) for trap in select_traps(answer))
 
 
 def _failing_tasks(part: Partly, width: int) -> Iterator[list[str]]:
@@ -229,12 +233,24 @@ def _failing_tasks(part: Partly, width: int) -> Iterator[list[str]]:
         yield _block(f"{how}: {name}: {why}", "", opened, width)
 
 
+def _trap_block(trap: Red, answer: Recommended, width: int) -> list[str]:
+    """Return a trap in a few rows; what is not known of it stands where it is not cut."""
+    do, opened = advice(trap, answer), opener(trap)
+    if _fits(do, opened, width):
+        return _block(describe_trap(trap), do, opened, width)
+    note = unknown_phases(trap)
+    return _block(describe_trap(trap, ""), shorten(do, width - len(f"    do: {note}")) + note, opened, width)
+
+
+def _fits(do: str, opened: str, width: int) -> bool:
+    return not do or len(f"    do: {do}; {opened}") <= width
+
+
 def _block(text: str, do: str, opened: str, width: int) -> list[str]:
     """Return a trap in a few rows: what fails, then what to do and the command that opens it, both shortened."""
     together = f"    {f'do: {do}; ' if do else ''}{opened}"
     # Where both do not fit, each has a row of its own, and the failure is cut to one.
-    fits = not do or len(together) <= width
-    actions = [together] if fits else ["    " + shorten(f"do: {do}", width - 4), f"    {opened}"]
+    actions = [together] if _fits(do, opened, width) else ["    " + shorten(f"do: {do}", width - 4), f"    {opened}"]
     rows = wrap_line(f"  {text}", width)
     most = ROWS - len(actions)
     if len(rows) > most:
@@ -248,7 +264,12 @@ def shorten(text: str, width: int) -> str:
     return textwrap.shorten(text, max(width, 10), placeholder=" ...")
 
 
-def describe_trap(trap: Red) -> str:
+def unknown_phases(trap: Red) -> str:
+    """Return in brackets the day of a row of a table, and that no later phase is known; empty for others."""
+    return f" ({trap.measured[:10]}, first failing phase only)" if trap.first_failure_only else ""
+
+
+def describe_trap(trap: Red, note: str | None = None) -> str:
     """Return what fails: versions, what decides, the tasks, and the line that says why."""
     more = f" and {len(trap.versions) - 1} more" if len(trap.versions) > 1 else ""
     named = trap.deciding or ({} if trap.elsewhere else trap.beside)
@@ -263,17 +284,18 @@ def describe_trap(trap: Red) -> str:
         what, how = f"{tasks} with {what}", "fails"
     elif tasks:
         how = f"{how} in {tasks}"
-    note = f" ({trap.measured[:10]}, first failing phase only)" if trap.first_failure_only else ""
+    note = unknown_phases(trap) if note is None else note
     return f"{what}: {how}{note}{f': {trap.line}' if trap.line else ''}"
 
 
-def advice(trap: Red) -> str:
+def advice(trap: Red, answer: Recommended) -> str:
     """Return what to do about a trap; empty if nothing is known to help."""
     change = ", ".join(f"{name} {value}" for name, value in trap.instead.items())
     if trap.remedy:
         python = "use " if trap.remedy.startswith("Python") else ""
         return python + (trap.remedy if python else trap.remedy[0].lower() + trap.remedy[1:])
-    return f"take {change}" if change else "" if trap.elsewhere else "take the versions above"
+    # The answer itself is what works, where something does.
+    return f"take {change}" if change else "take the versions above" if answer.measured and not trap.elsewhere else ""
 
 
 def opener(trap: Red) -> str:
