@@ -54,7 +54,10 @@ def test_gym_beside_numpy_2(make: Make) -> None:
     """The first step fails in place; cause, remedy and a measured environment with numpy 1 are named."""
     made = doctor_document(make("3.11", "gym==0.26.2", "numpy==2.2.6"), "--env", "CartPole-v1")
 
-    assert made["decisive"] == "CartPole-v1 of gym 0.26.2: single failed: AttributeError: module 'numpy' has no attribute 'bool8'"
+    assert (
+        made["decisive"]
+        == "CartPole-v1 of gym 0.26.2: single failed: AttributeError: module 'numpy' has no attribute 'bool8'"
+    )
     assert made["diagnoses"][0]["signature"] == "numpy2-bool8-gym-checker"
     assert [one["name"] for one in made["nearest"]["changes"]] == ["numpy"]
     assert made["nearest"]["changes"][0]["then"].startswith("1.")
