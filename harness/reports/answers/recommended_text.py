@@ -31,8 +31,10 @@ def lines(
 ) -> list[str]:
     """Return the short answer as wrapped lines: the command, why, and traps; with `whole` the rest follows."""
     reasons = [*_unknown(answer, names), *_why(answer, machines, tool)]
-    traps = list(_trap_blocks(answer, width))
-    more = count_rest(answer)
+    others = list(_other_blocks(answer, width))
+    selected = select_traps(answer)[: max(FEW - len(others), 0)]
+    traps = [*others, *(_trap_block(trap, answer, width) for trap in selected)]
+    more = count_rest(answer, len(selected))
     return [
         first_line(answer, tool),
         *(["why"] if reasons else []),
@@ -74,10 +76,10 @@ def unbroken(*words: str) -> str:
     return SPACE.join(words)
 
 
-def count_rest(answer: Recommended) -> str:
-    """Return in words what the short answer leaves out; empty if that is nothing."""
+def count_rest(answer: Recommended, shown: int) -> str:
+    """Return in words what the short answer leaves out, which shows so many traps; empty if that is nothing."""
     others = answer.found - 1 if answer.found else 0
-    causes = len(answer.red) - len(select_traps(answer)[:FEW])
+    causes = len(answer.red) - shown
     words = [
         format_count(others, "other combination") + " that work" + "s" * (others == 1) if others else "",
         format_count(causes, "more trap") if causes > 0 else "",
@@ -206,7 +208,8 @@ def select_traps(answer: Recommended) -> list[Red]:
     return selected
 
 
-def _trap_blocks(answer: Recommended, width: int) -> Iterator[list[str]]:
+def _other_blocks(answer: Recommended, width: int) -> Iterator[list[str]]:
+    """Yield what else one can run into: a newer combination of another Python, one in doubt, tasks that fail."""
     for combination in answer.newer:
         minor = install_commands.minor(combination)
         works = f"{versions_words(combination.versions)} works on Python {minor}"
@@ -223,7 +226,6 @@ def _trap_blocks(answer: Recommended, width: int) -> Iterator[list[str]]:
             yield _block(f"{versions_words(combination.versions)}: {why}", "", opened, width)
     for part in [] if answer.apart else answer.partly[:1]:
         yield from _failing_tasks(part, width)
-    yield from (_trap_block(trap, answer, width) for trap in select_traps(answer))
 
 
 def _failing_tasks(part: Partly, width: int) -> Iterator[list[str]]:
@@ -281,7 +283,7 @@ def describe_trap(trap: Red, note: str | None = None) -> str:
     tasks = first_few(trap.tasks, 2) if trap.phase not in {"resolve", "install"} else ""
     if tasks and trap.elsewhere and not trap.deciding:
         # These very versions work with other tasks.
-        what, how = f"{tasks} with {what}", "fails"
+        what, how = f"{tasks} with {what}", "fails" if len(trap.tasks) == 1 else "fail"
     elif tasks:
         how = f"{how} in {tasks}"
     note = unknown_phases(trap) if note is None else note
