@@ -2,6 +2,7 @@
 
 `lines.toml` has the lines and what is true of each. A hash of its id sets half of them aside: `--set-aside` prints the
 figures of that half, and nothing else of it. `lines-none.toml` has texts that are no such failure.
+`lines-more.toml` has further lines, all of them open, which were looked at while the rules were written.
 `lines-judged.toml` has verdicts by hand, for answers that a program cannot judge.
 """
 
@@ -12,7 +13,7 @@ import hashlib
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from harness.standalone.versions import canonical
 
 HERE = Path(__file__).parent
 LINES, NONE, JUDGED = HERE / "lines.toml", HERE / "lines-none.toml", HERE / "lines-judged.toml"
+MORE = HERE / "lines-more.toml"
 PAGE = HERE / "lines.md"
 RIGHT, WRONG, SILENT, BY_HAND = "right", "wrong", "silent", "to judge by hand"
 FACTS = Facts(history=load_shipped)
@@ -84,13 +86,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     texts = tomllib.loads(NONE.read_text(encoding="utf-8"))["text"]
     shipped = signatures()
     accused = [text for text in texts if explain_text(text["text"], shipped, FACTS).causes]
-    parts = [HEAD, _figures("open half", list(_answers(is_aside=False)))]
+    opened, more = list(_answers(is_aside=False)), list(_explained(MORE))
+    parts = [HEAD, _figures("open half", opened), _figures("further lines", more)]
     if args.set_aside:
         parts.append(_figures("half set aside", list(_answers(is_aside=True))))
     parts.append(f"{len(accused)} of {len(texts)} texts that are no such failure are blamed on a package.\n")
     print("\n".join(parts[1:]))
-    details = [*(_accusation(text) for text in accused), *map(_detail, _answers(is_aside=False))]
-    PAGE.write_text("\n".join([*parts, "## Lines of the open half\n", *details]), encoding="utf-8")
+    details = [*(_accusation(text) for text in accused), *map(_detail, opened)]
+    parts += ["## Lines of the open half\n", *details, "## Further lines\n", *map(_detail, more)]
+    PAGE.write_text("\n".join(parts), encoding="utf-8")
 
 
 def is_set_aside(identifier: str) -> bool:
@@ -133,10 +137,15 @@ def _speaks_of(package: str, words: str) -> bool:
 
 
 def _answers(*, is_aside: bool) -> Iterator[Answer]:
+    return _explained(LINES, lambda line: is_set_aside(line["id"]) == is_aside)
+
+
+def _explained(file: Path, wanted: Callable[[Mapping[str, Any]], bool] = lambda _: True) -> Iterator[Answer]:
+    """Explain the wanted lines of a file."""
     by_hand = tomllib.loads(JUDGED.read_text(encoding="utf-8"))["judged"]
     shipped = signatures()
-    for line in tomllib.loads(LINES.read_text(encoding="utf-8"))["line"]:
-        if is_set_aside(line["id"]) == is_aside:
+    for line in tomllib.loads(file.read_text(encoding="utf-8"))["line"]:
+        if wanted(line):
             yield Answer(line, explain_text(line["text"], shipped, FACTS), by_hand.get(line["id"], {}))
 
 

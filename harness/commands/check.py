@@ -13,7 +13,8 @@ from harness.commands import environment_at_hand
 from harness.model.errors import BadInput, CouldNotTell
 from harness.reports.answers import result_index
 from harness.reports.projects import checked, checked_text, project, unknown_names
-from harness.reports.projects.checked import Checked
+from harness.reports.projects.checked import CheckedFiles
+from harness.reports.projects.labelled_lines import wrap_labelled
 from harness.standalone import wrapping
 from harness.standalone.output import print_json
 
@@ -58,11 +59,11 @@ def main(args: argparse.Namespace) -> int:
     unknown_names.refuse_environment(args.env, measured)
     documents = [checked.check(measured, each, args.env) for each in projects]
     if args.json:
-        print_json(msgspec.json.encode(documents[0] if len(documents) == 1 else documents))
+        print_json(msgspec.json.encode(CheckedFiles(files=tuple(documents)) if args.each else documents[0]))
     else:
         most = None if args.all else MOST
         texts = [line for document in documents for line in checked_text.lines(document, most)]
-        print("\n".join(wrapping.wrap_lines(texts, wrapping.width(sys.stdout))))
+        print("\n".join(wrap_labelled(texts, wrapping.width(sys.stdout), checked_text.WIDTH)))
     codes = {checked.exit_code(document, args.fail_on) for document in documents}
     return 1 if 1 in codes else CouldNotTell.exit_code if CouldNotTell.exit_code in codes else 0
 
@@ -88,6 +89,3 @@ def _read(args: argparse.Namespace, files: list[Path]) -> project.Project:
     here = project.read_files(files, args.extra, args.group, python)
     unknown_names.refuse_unknown(here, files, lambda text: print(text, file=sys.stderr))
     return here
-
-
-__all__ = ["HELP", "Checked", "add_arguments", "main"]

@@ -10,39 +10,18 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-import msgspec
-
-from harness.judging import known_issues
-from harness.machine import store
 from harness.model.errors import BadInput, HarnessError
-from harness.model.report_types import DiagnosisEntry, FindingEntry
-from harness.reports.answers import result_index
-from harness.reports.answers.recommended_text import wrap_line
-from harness.running.signatures import issue_texts, shipped_signatures
+from harness.reports.answers import explain_index
 from harness.standalone.explain import explain
 from harness.standalone.explain.explain import HELP, split
 from harness.standalone.explain.explanation_text import Place
 from harness.standalone.failures import matching
 
-__all__ = ["HELP", "Explained", "add_arguments", "main", "signatures", "split"]
+__all__ = ["HELP", "add_arguments", "main", "signatures", "split"]
 
 FOLDER = "outputs"
 MOST = 20
 """Outputs of failed commands that are kept below the state folder."""
-
-
-class Explained(msgspec.Struct, frozen=True, kw_only=True):
-    """The document of `explain --json`: `decisive` is the line that says why, None where nothing failed.
-
-    `diagnoses` are known causes, the deepest first; none where the cause is unknown. `phase` is where it failed, as
-    far as the text tells.
-    """
-
-    schema: int = 1
-    decisive: str | None
-    phase: str | None
-    diagnoses: tuple[DiagnosisEntry, ...]
-    findings: tuple[FindingEntry, ...]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +34,7 @@ def main(args: argparse.Namespace) -> int:
     """Explain a text, or run the command and explain it where it fails, or open a known issue."""
     if args.id is not None:
         return _open(args.id)
-    knows = explain.Knowledge(signatures=signatures, measured=result_index.load_plain)
+    knows = explain.Knowledge(signatures=signatures, measured=explain_index.load_measured)
     try:
         if args.after is None:
             return explain.of_text(args, knows, Place())
@@ -66,6 +45,11 @@ def main(args: argparse.Namespace) -> int:
 
 def _open(identifier: str) -> int:
     """Print a known issue; the exit code is 0. Raises BadInput."""
+    from harness.judging import known_issues  # noqa: PLC0415 - start-up
+    from harness.reports.answers import result_index  # noqa: PLC0415 - start-up
+    from harness.reports.answers.recommended_text import wrap_line  # noqa: PLC0415 - start-up
+    from harness.running.signatures import issue_texts  # noqa: PLC0415 - start-up
+
     issue = known_issues.find(identifier, issue_texts.load(), result_index.load().cells)
     width = shutil.get_terminal_size().columns
     print("\n".join(text for line in known_issues.lines(issue) for text in wrap_line(line, width)))
@@ -74,11 +58,13 @@ def _open(identifier: str) -> int:
 
 def signatures() -> list[matching.Signature]:
     """Return the known failures in the form that the standalone modules read."""
-    return [matching.read(one.as_file) for one in shipped_signatures.load_all()]
+    return explain_index.load_signatures()
 
 
 def _output(command: Sequence[str]) -> str | None:
     """Create a file for a command's output, and remove the oldest such files. Return None if that is not possible."""
+    from harness.machine import store  # noqa: PLC0415 - start-up
+
     name = re.sub(r"[^A-Za-z0-9.-]+", "-", Path(command[0]).name if command else "none")[:40]
     file = f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{os.getpid()}-{name}.log"
     try:

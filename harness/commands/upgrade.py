@@ -12,8 +12,9 @@ import msgspec
 from harness.commands import environment_at_hand
 from harness.model.errors import BadInput
 from harness.model.measured import Measured
-from harness.reports.answers import misspelt, result_index
+from harness.reports.answers import result_index
 from harness.reports.projects import project, unknown_names, upgraded, upgraded_text
+from harness.reports.projects.labelled_lines import wrap_labelled
 from harness.reports.projects.project import Project
 from harness.reports.projects.tried_task import TriedTask
 from harness.reports.projects.upgraded import Move, Upgraded
@@ -63,7 +64,7 @@ def main(args: argparse.Namespace) -> int:
         print_json(msgspec.json.encode(document))
     else:
         texts = [*upgraded_text.lines(document, whole=args.all), *upgraded_text.tried_lines(document)]
-        print("\n".join(wrapping.wrap_lines(texts, wrapping.width(sys.stdout))))
+        print("\n".join(wrap_labelled(texts, wrapping.width(sys.stdout), upgraded_text.WIDTH)))
     return upgraded.exit_code(document)
 
 
@@ -86,13 +87,20 @@ def _move(text: str, here: Project, measured: Measured, *, offline: bool) -> Mov
     try:
         move = upgraded.target(text, here, measured)
     except ValueError as error:
-        misspelt.check([text], lambda line: print(line, file=sys.stderr), offline=offline)
+        _refuse_unknown(text, offline=offline)
         message = f"upgrade: {error}"
         raise BadInput(message) from None
     history = load_shipped(move.name)
     if history is None or move.then not in history.versions:
-        misspelt.check([f"{move.name}=={move.then}"], lambda line: print(line, file=sys.stderr), offline=offline)
+        _refuse_unknown(f"{move.name}=={move.then}", offline=offline)
     return move
+
+
+def _refuse_unknown(text: str, *, offline: bool) -> None:
+    """Refuse a requirement that the index cannot serve. Raises BadInput."""
+    from harness.reports.answers import misspelt  # noqa: PLC0415 - start-up
+
+    misspelt.check([text], lambda line: print(line, file=sys.stderr), offline=offline)
 
 
 def _command(here: Project, moves: Sequence[Move]) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ import msgspec
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.version import Version
 
-from harness.history import describe_release, release_reader
+from harness.history import describe_release, release_reader, word_index
 from harness.history.api_history import MeasuredRelease, ReleaseEntry, encode, fold
 from harness.history.release_reader import ReleaseFacts
 from harness.machine import interpreters, process
@@ -65,6 +65,7 @@ def main(arguments: list[str] | None = None) -> None:
         history = encode(fold(name, _without_placeholders([*_releases(package, plan["helpers"])])))
         write_atomic(OUT / f"{name}.json.gz", history)
         print(f"{name}: {len(history):,} bytes", flush=True)
+    word_index.main()
 
 
 def _releases(package: PackagePlan, helpers: list[str]) -> Iterator[MeasuredRelease]:

@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from harness.machine.files import guarded_files
+from harness.machine.files.cache_path import cache_path
 from harness.machine.files.file_locks import exclusive
 from harness.model import Cell, CellRecord, Finding, Interpreter, Lock, Outcome, Question, Step, cellid
 from harness.model.errors import BadInput
@@ -46,27 +47,17 @@ def state_folder() -> Path:
 
 def cache_folder() -> Path:
     """Return the folder of environments, wheels and downloads: `HARNESS_CACHE`, else the user's cache folder."""
-    return ignored_by_git(_cache_path())
+    return ignored_by_git(cache_path())
 
 
 def own_folders() -> tuple[Path, ...]:
     """Return the folders of the harness that exist: no probe and no build is to write to them."""
-    return tuple(folder for folder in (state_path(), _cache_path()) if folder.is_dir())
+    return tuple(folder for folder in (state_path(), cache_path()) if folder.is_dir())
 
 
 def state_path() -> Path:
     """Return the path of the folder of results and locks, which need not exist."""
     return Path(os.environ.get("HARNESS_STATE") or ".harness").absolute()
-
-
-def _cache_path() -> Path:
-    return Path(os.environ.get("HARNESS_CACHE") or _users_cache()).absolute()
-
-
-def _users_cache() -> Path:
-    import platformdirs  # noqa: PLC0415 - start-up
-
-    return platformdirs.user_cache_path("simmatrix")
 
 
 def ignored_by_git(folder: Path) -> Path:

@@ -14,7 +14,7 @@ from pathlib import Path
 from harness.machine import store
 from harness.matrix.signatures import Signature
 from harness.model.measured import Measured
-from harness.reports.answers import digest, result_index
+from harness.reports.answers import digest, explain_index, result_index
 from harness.running import open_matrix
 from harness.running.signatures import shipped_signatures
 from harness.standalone import adapters
@@ -51,10 +51,12 @@ def content(signatures: tuple[Signature, ...], results: Measured) -> bytes:
     """Return the bytes of the whole file."""
     files = (*PACKAGE.rglob("*.py"), *PACKAGE.glob("vendored/*/LICENSE*"))
     ours = {file.relative_to(PACKAGE).as_posix(): file for file in sorted(files)}
+    plain = [one.as_file for one in signatures]
     members = {
         "__main__.py": START.encode(),
         **{f"{INSIDE}/{name}": file.read_bytes() for name, file in ours.items()},
-        f"{INSIDE}/signatures.json": json.dumps([one.as_file for one in signatures], sort_keys=True).encode(),
+        f"{INSIDE}/signatures.json": json.dumps(plain, sort_keys=True).encode(),
+        f"{INSIDE}/literals.json": json.dumps(explain_index.literals_of(plain), sort_keys=True).encode(),
         f"{INSIDE}/{adapters.CARRIED}": adapters.encode_declarations(),
         f"{INSIDE}/measured.json.gz": digest.pack(results),
         **{

@@ -15,10 +15,10 @@ from .doctor import doctor
 from .doctor.environment_choice import NoEnvironment, find_own_python
 from .explain import explain
 from .explain.explanation_text import Place
-from .failures import remedies
+from .failures import literals, remedies
 from .failures.matching import Signature, read
 
-SIGNATURES, MEASURED = "signatures.json", "measured.json.gz"
+SIGNATURES, LITERALS, MEASURED = "signatures.json", "literals.json", "measured.json.gz"
 """What the file carries beside the code."""
 
 INTERRUPTED = 130
@@ -105,6 +105,7 @@ def _load_signatures() -> List[Signature]:
     if content is None:
         message = "this file carries no known failures; make it by `simmatrix doctor --standalone FILE`"
         raise explain.UsageError(message)
+    literals.remember(json.loads((carried_file(LITERALS) or b"{}").decode()))
     return [read(plain) for plain in json.loads(content.decode())]
 
 

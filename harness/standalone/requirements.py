@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
 from typing import Iterable, Mapping
 
-from .vendored.packaging.requirements import Requirement as Parsed
 from .versions import canonical, specifiers
 
 
@@ -15,6 +15,8 @@ class Requirement:
     __slots__ = ("extras", "marker", "name", "specifiers", "text", "url")
 
     def __init__(self, text: str) -> None:
+        from .vendored.packaging.requirements import Requirement as Parsed  # noqa: PLC0415 - start-up
+
         parsed = Parsed(text)
         self.text = text
         self.name = canonical(parsed.name)
@@ -34,6 +36,12 @@ class Requirement:
             name: value + "local" * value.endswith("+") for name, value in environment.items()
         }  # 3.14.0+: a checkout
         return any(self.marker.evaluate({**values, "extra": extra}) for extra in ("", *extras))
+
+
+def named(text: str) -> str:
+    """Return the name of the package that a requirement is about, which is read without the rest."""
+    match = re.match(r"\s*([A-Za-z0-9][\w.-]*)", text)
+    return canonical(match.group(1)) if match else ""
 
 
 @lru_cache(maxsize=None)

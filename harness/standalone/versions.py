@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from functools import lru_cache
-from typing import Iterable, Iterator, Optional, Tuple
+from typing import TYPE_CHECKING, Iterable, Iterator, Optional, Tuple
 
-from .vendored.packaging.specifiers import Specifier, SpecifierSet
-from .vendored.packaging.utils import canonicalize_name
-from .vendored.packaging.version import InvalidVersion, Version
+if TYPE_CHECKING:
+    from .vendored.packaging.specifiers import Specifier
+    from .vendored.packaging.version import Version
+
+# The library is imported where a version is first read: many answers need none, and it takes long to load.
 
 FAR = 10**18
 """A number that no release has reached."""
@@ -15,12 +18,14 @@ FAR = 10**18
 
 def canonical(name: str) -> str:
     """Return a package's name as indexes compare it."""
-    return str(canonicalize_name(name))
+    return re.sub(r"[-_.]+", "-", name).lower()
 
 
 @lru_cache(maxsize=None)
 def version(text: str) -> Version:
     """Return the version, parsed once. Raises ValueError."""
+    from .vendored.packaging.version import Version  # noqa: PLC0415 - start-up
+
     return Version(text)
 
 
@@ -28,14 +33,14 @@ def is_version(text: str) -> bool:
     """Return whether a text is a version."""
     try:
         version(text)
-    except InvalidVersion:
+    except ValueError:
         return False
     return True
 
 
 def _spelt_out(clause: Specifier) -> Specifier:
     """Return a clause of `~=` with its version in the canonical form: 24.0 reads `~=1.0.pre3` as `==1.0.*`."""
-    return Specifier("~={}".format(version(clause.version))) if clause.operator == "~=" else clause
+    return type(clause)("~={}".format(version(clause.version))) if clause.operator == "~=" else clause
 
 
 class Specifiers:
@@ -44,6 +49,8 @@ class Specifiers:
     __slots__ = ("clauses", "text")
 
     def __init__(self, text: str) -> None:
+        from .vendored.packaging.specifiers import SpecifierSet  # noqa: PLC0415 - start-up
+
         self.text = text
         self.clauses: Tuple[Specifier, ...] = tuple(map(_spelt_out, SpecifierSet(text)))
 

@@ -1,4 +1,4 @@
-"""What `recommend --format` prints is taken by the tools themselves: pip, uv, and the shell of a Dockerfile."""
+"""The tools themselves take the output of `recommend --format`: pip, uv, and the shell of a Dockerfile."""
 
 from __future__ import annotations
 

@@ -12,13 +12,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from packaging.pylock import is_valid_pylock_path
 from packaging.utils import canonicalize_name
 
 from harness.machine.files import given_files
 from harness.model import schema
 from harness.model.errors import BadInput
-from harness.packages.requirement_files import pip, project, pylock, uv_lock
+from harness.packages.requirement_files import pip, project, uv_lock
 from harness.packages.requirement_files.entry import Include, Inputs, Parsed, Source
 
 FOREIGN = {"setup.py", "setup.cfg", "Pipfile", "Pipfile.lock", "poetry.lock", "conda-lock.yml"}
@@ -51,10 +50,14 @@ def _parsed(path: Path, text: str, extras: Sequence[str], groups: Sequence[str])
     if path.name == "uv.lock":
         return uv_lock.uv_lock(text, source)
     if path.suffix == ".toml":
-        is_lock = is_valid_pylock_path(path) or (
+        is_lock = re.fullmatch(r"pylock(\.[^.]+)?\.toml", path.name) or (
             path.name != "pyproject.toml" and re.search(r"(?m)^lock-version", text)
         )
-        return (pylock.pylock if is_lock else project.pyproject)(text, source, extras, groups)
+        if is_lock:
+            from harness.packages.requirement_files import pylock  # noqa: PLC0415 - start-up
+
+            return pylock.pylock(text, source, extras, groups)
+        return project.pyproject(text, source, extras, groups)
     if path.suffix in {".yml", ".yaml"}:
         from harness.packages.requirement_files import conda  # noqa: PLC0415  (the YAML library is for this format alone)
 

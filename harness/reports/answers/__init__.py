@@ -2,6 +2,7 @@
 
 __all__ = [
     "digest",
+    "explain_index",
     "measured_cells",
     "misspelt",
     "recommended",

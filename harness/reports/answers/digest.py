@@ -21,7 +21,7 @@ import msgspec
 
 from harness.judging.known_failures import select_counting
 from harness.model.measured import Measured, MeasuredCell, ReleaseSeries
-from harness.model.report_types import UNTOLD, CellEntry, Document
+from harness.model.report_types import UNTOLD, CaseEntry, CellEntry, Document
 from harness.reports import document
 from harness.reports.answers.release_series import read_series
 from harness.standalone.failures.remedies import describe_steps
@@ -107,12 +107,21 @@ def _cell(cell: CellEntry, lock: str | None, folder: Path) -> MeasuredCell:
         **fields
         | {
             "lock": lock,
+            "cases": tuple(map(_slim, bare.cases)),
+            "installed": None if lock else bare.installed,
             "diagnoses": (),
             "findings": (),
             "causes": tuple(one.signature for one in select_counting(cell)),
             "imported": () if noted or not cell.evidence else _imported(_text(folder, f"{cell.evidence}/reply.jsonl")),
         }
     )
+
+
+def _slim(case: CaseEntry) -> CaseEntry:
+    """Return a case without its texts and pictures, which no answer shows: it is read at each call of a verb."""
+    # A Dockerfile needs the libraries of the way in which it was drawn.
+    drawn = {"api": case.drawn["api"]} if "api" in case.drawn else {}
+    return msgspec.structs.replace(case, reasons={}, masked={}, evidence={}, drawn=drawn, told=msgspec.UNSET)
 
 
 def describe_remedy(remedy: Mapping[str, Any]) -> str:

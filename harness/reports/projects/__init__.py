@@ -3,4 +3,13 @@
 A project is requirement files, or an environment at hand. Nothing is installed and nothing is run.
 """
 
-__all__ = ["checked", "checked_text", "project", "tried_task", "unknown_names", "upgraded", "upgraded_text"]
+__all__ = [
+    "checked",
+    "checked_text",
+    "labelled_lines",
+    "project",
+    "tried_task",
+    "unknown_names",
+    "upgraded",
+    "upgraded_text",
+]

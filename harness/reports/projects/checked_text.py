@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from harness.model.report_types import first_few, format_count
 from harness.reports.projects.checked import FAULTS, Checked, CheckFinding, Kind
+from harness.reports.projects.labelled_lines import labelled
 
 NAMED = 6
 LONGEST = 240
@@ -21,13 +22,12 @@ LABELS = {
 }
 PURPOSES = {Kind.CHANGES: "within which nothing changes"}
 WIDTH = max(map(len, LABELS.values())) + 2
-ORDER = (Kind.CONFLICT, Kind.BAD, Kind.ADMITS, Kind.CHANGES, Kind.UNMEASURED, Kind.GOOD, Kind.EXCLUDES)
 
 
 def lines(document: Checked, most: int | None = None) -> Iterator[str]:
     """Yield the lines; at most so many findings of a kind."""
     yield f"{document.source}: {_sum(document)}"
-    for kind in ORDER:
+    for kind in Kind:
         findings = [finding for finding in document.findings if finding.kind is kind]
         for finding in findings[:most]:
             yield from _finding(finding)
@@ -68,4 +68,4 @@ def _finding(finding: CheckFinding) -> Iterator[str]:
 
 
 def _labelled(label: str, text: str) -> str:
-    return f"{label:<{WIDTH}}{text}"
+    return labelled(label, text, WIDTH)

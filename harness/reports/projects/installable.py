@@ -8,8 +8,8 @@ import msgspec
 from packaging.markers import default_environment
 
 from harness.reports.projects.project import Project
+from harness.standalone.causes.missing_releases import has_wheel
 from harness.standalone.explain.api_history import History, load_shipped
-from harness.standalone.explain.missing_releases import has_wheel
 from harness.standalone.requirements import Requirement, requirement
 from harness.standalone.versions import specifiers, unsatisfiable, version
 

@@ -18,7 +18,10 @@ from harness.standalone.explain.import_names import package_with
 from harness.standalone.keys import weight
 from harness.standalone.versions import is_version, version
 
-NO_MODULE = re.compile(r"No module named '([\w.]+)'")
+NO_MODULE = re.compile(r"No module named '([\w.]+)'|\b(\w+) is not installed")
+
+ABSENT = "none"
+"""The version of a package that is not there."""
 
 NUMPY = "numpy"
 NUMPY_MINORS = 2
@@ -52,7 +55,7 @@ def find_sets(cells: Iterable[CellResult], project: Project) -> list[MeasuredSet
     groups: dict[frozenset[str], list[CellResult]] = {}
     for result in cells:
         names = result.subjects
-        if names and names <= project.packages.keys() and is_plain(result):
+        if names and names <= project.packages.keys() - project.conflicts.keys() and is_plain(result):
             groups.setdefault(names, []).append(result)
     held = [names for names in groups if any(fits(each, project) for each in groups[names])]
     telling = [names for names in groups if names in held or any(each.works for each in groups[names])]
@@ -115,7 +118,8 @@ def _lacks_numpy(result: CellResult, project: Project) -> bool:
 def _missing(result: CellResult) -> str | None:
     """Return the package that a cell failed for want of."""
     match = NO_MODULE.search(result.cell.decisive or "")
-    return package_with(match.group(1)) if match else None
+    name = next(filter(None, match.groups())) if match else ""
+    return package_with(name) or package_with(name.lower())
 
 
 def _differs(name: str, held: str, project: Project) -> bool:
@@ -135,13 +139,19 @@ def _generation(name: str, text: str) -> tuple[int, ...]:
 
 
 def differences(result: CellResult, project: Project) -> dict[str, tuple[str, str]]:
-    """Return the light packages whose version in a cell is not the pinned one: the pinned and the measured version."""
-    held = result.counted_versions
-    return {
-        name: (declared.pinned, version_there)
-        for name, version_there in held.items()
-        if (declared := project.packages.get(name)) and declared.pinned and not project.admits(name, version_there)
-    }
+    """Return the packages that a cell ran in another version than the pinned one, or that a project lacks.
+
+    Each has the version of the project, or `ABSENT`, and that of the cell.
+    """
+    apart: dict[str, tuple[str, str]] = {}
+    for name in sorted(result.exercised | result.counted_versions.keys()):
+        declared, held = project.packages.get(name), str(result.version(name) or "").partition("+")[0]
+        if declared is None:
+            # What nobody chooses is brought by what is there.
+            apart |= {name: (ABSENT, held)} if weight(name) else {}
+        elif declared.pinned and weight(name) and not project.admits(name, held):
+            apart[name] = declared.pinned, held
+    return apart
 
 
 # --- tasks -----------------------------------------------------------------------------------------------------
@@ -154,7 +164,8 @@ def tasks(results: Iterable[CellResult], project: Project, env: str | None = Non
     """
     tried: dict[str, list[tuple[tuple[object, ...], Task]]] = {}
     for result in results:
-        near = -len(differences(result, project))
+        # A table tells less than a report: its lock was not kept.
+        near = not result.cell.source, -len(differences(result, project))
         for case in result.cell.cases:
             if case.env is None or (env is not None and bare(case.env, case.api) != bare(env, case.api)):
                 continue

@@ -46,7 +46,7 @@ class Project:
 
     `source` names it in sentences. `pythons` are the Pythons that it admits, `python` the only one, such as `3.11.7`.
     `interpreter` is the Python of an environment at hand, `requirements` what the packages in it require. `unjudged`
-    are requirements that cannot be judged, each with the reason. `conflicts` are requirements that no version meets.
+    are requirements that cannot be judged, each with the reason. `conflicts` names packages of which no version fits.
     """
 
     source: str
@@ -55,7 +55,7 @@ class Project:
     python: str | None = None
     interpreter: str | None = None
     unjudged: tuple[str, ...] = ()
-    conflicts: tuple[str, ...] = ()
+    conflicts: Mapping[str, str] = field(default_factory=dict)
     constraints: Mapping[str, Specifiers] = field(default_factory=dict)
     requirements: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
@@ -111,7 +111,7 @@ def read_files(paths: Sequence[Path], extras: Sequence[str], groups: Sequence[st
         packages=declared,
         pythons=specifiers(f"=={python}.*" if python else given.python or ""),
         unjudged=tuple(unjudged),
-        conflicts=tuple(_conflicts(texts, constraints, overrides)),
+        conflicts=dict(_conflicts(texts, constraints, overrides)),
         constraints={**constraints, **overrides},
     )
     return replace(project, packages={**_implied(project, variables), **declared})
@@ -170,12 +170,12 @@ def _conflicts(
     texts: Mapping[str, Sequence[Requirement]],
     constraints: Mapping[str, Specifiers],
     overrides: Mapping[str, Specifiers],
-) -> Iterator[str]:
+) -> Iterator[tuple[str, str]]:
     for name, requirements in texts.items():
         parts = [specifiers(str(requirement.specifier)) for requirement in requirements]
         parts += [constraints[name]] if name in constraints else []
         if name not in overrides and unsatisfiable(parts):
-            yield f"{name}: no version meets {' and '.join(dict.fromkeys(f'{name}{part}' for part in parts))}"
+            yield name, f"{name}: no version meets {' and '.join(dict.fromkeys(f'{name}{part}' for part in parts))}"
 
 
 # --- what others bring -----------------------------------------------------------------------------------------

@@ -9,7 +9,6 @@ from pathlib import Path
 from harness.machine.files import given_files
 from harness.model.errors import BadInput
 from harness.model.measured import Measured
-from harness.reports.answers import misspelt
 from harness.reports.projects.measured_sets import bare
 from harness.reports.projects.project import Declared, Project
 from harness.standalone.explain.api_history import load_shipped
@@ -35,6 +34,8 @@ def refuse_unknown(project: Project, paths: Sequence[Path], say: Callable[[str],
     for declared in own:
         alike = get_close_matches(declared.name, sorted(SIMULATORS), n=1, cutoff=LIKENESS)
         if alike and declared.name not in SIMULATORS and load_shipped(declared.name) is None:
+            from harness.reports.answers import misspelt  # noqa: PLC0415 - start-up
+
             try:
                 misspelt.check([declared.name], say)
             except BadInput as error:

@@ -17,6 +17,7 @@ from harness.reports.projects.installable import InstallAnswer, Requirements
 from harness.reports.projects.measured_sets import Task, bare
 from harness.reports.projects.project import Declared, Project, with_versions
 from harness.reports.projects.tried_task import TriedTask
+from harness.standalone.adapters import package as package_of_api
 from harness.standalone.explain.api_history import load_shipped
 from harness.standalone.versions import is_version, specifiers, version
 
@@ -240,9 +241,10 @@ def _public(result: CellResult, name: str) -> str:
 
 def _uses(task: Task, targets: Iterable[str]) -> bool:
     """Return whether an environment runs a package that moves; where that was not noted, whether its cell names one."""
-    noted = next((case.exercised for case in task.result.cell.cases if task.env in str(case.env)), ())
-    ran = {*noted} if noted else {*task.result.subjects}
-    return bool(ran & {*targets})
+    cell = task.result.cell
+    case = next(case for case in cell.cases if case.env and bare(case.env, case.api) == task.env)
+    unnoted = {package_of_api(case.api)} if cell.source else task.result.subjects
+    return bool({*(case.exercised or unnoted)} & {*targets})
 
 
 # --- would it be the same --------------------------------------------------------------------------------------

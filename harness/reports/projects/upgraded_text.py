@@ -6,10 +6,12 @@ from collections.abc import Iterator, Sequence
 
 from harness.model.report_types import first_few
 from harness.reports.projects.changes import TaskChange
+from harness.reports.projects.labelled_lines import labelled
 from harness.reports.projects.upgraded import RunningTask, Sameness, Upgraded
 from harness.standalone.versions import version
 
 NAMED = 4
+OTHERWISE = "behaves otherwise; "
 WIDTH = 10
 
 
@@ -95,7 +97,7 @@ def _changes(changed: Sequence[TaskChange], most: int) -> Iterator[str]:
     for (_, release), alike in ordered[:most]:
         names = first_few(sorted({change.env for change in alike}), most)
         moved = f"; not separated from {', '.join(alike[0].moved)}" if alike[0].moved else ""
-        yield f"at {release}: {names}; {alike[0].env} {alike[0].text}{moved}"
+        yield f"at {release}: {names}; {alike[0].env}: {alike[0].text.removeprefix(OTHERWISE)}{moved}"
     if len(ordered) > most:
         yield f"and at {len(ordered) - most} more releases: --all"
 
@@ -109,4 +111,4 @@ def _newest(document: Upgraded, name: str) -> str:
 
 
 def _labelled(label: str, text: str) -> str:
-    return f"{label:<{WIDTH}}{text}"
+    return labelled(label, text, WIDTH)

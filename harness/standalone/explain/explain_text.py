@@ -5,24 +5,23 @@ from __future__ import annotations
 import re
 from typing import Any, Dict, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
+from ..causes.derived_causes import derive
 from ..failures import matching
 from ..failures.counting import select_counting
 from ..failures.lines import MASKS, shorten_line
 from ..failures.machine_trouble import SHORTAGES, UNREACHABLE
-from ..failures.matching import Around, Diagnosis, Evidence
-from ..requirements import requirement
+from ..failures.matching import Around, Diagnosis
+from ..requirements import named
 from ..versions import specifiers, unsatisfiable
 from .api_history import Load, no_history
-from .derived_causes import derive
+from .cause_order import DECISIVE, find_hits, is_in, place_of, with_derived
 from .failure_text import QUOTED, START, Failure, read_failure
+from .mentions import is_mention
 from .version_hints import Hints, hints
 
 NOTE, WARNING = "note", "warning"
 CHANGING = re.compile(r"\bline \d+|0x[0-9a-f…]+|\d+(?:\.\d+)+|(?:/[\w.+-]+){2,}")
 """What differs in two lines about the same failure."""
-
-DECISIVE, ELSEWHERE, LOG = 0, 1, 2
-"""Where a failure was told: in the decisive line, in another one that says why, or anywhere."""
 
 TROUBLE = re.compile(
     r"{}|{}|dns error|Request failed after|Connection refused|NewConnectionError|ReadTimeoutError".format(
@@ -75,7 +74,7 @@ class Explanation(NamedTuple):
     def causes(self) -> Tuple[Diagnosis, ...]:
         """Return the causes that count, the deepest first; none if another process died and nothing says why."""
         failure, echoed = self.failure, self.echoed
-        return select_counting(self.diagnoses, lambda hit: not echoed and _where(hit, failure) is DECISIVE)
+        return select_counting(self.diagnoses, lambda hit: not echoed and place_of(hit, failure) is DECISIVE)
 
     @property
     def cause(self) -> Optional[Diagnosis]:
@@ -103,11 +102,6 @@ def _is_pasted(failure: Failure) -> bool:
     return len(failure.text.split("\n", QUOTED)) <= QUOTED and START not in failure.text
 
 
-def _is_exact(hit: Diagnosis) -> bool:
-    """Return whether a person wrote down what to install instead, for exactly this failure."""
-    return not hit.signature.generic and bool(hit.signature.plain.get("remedy", {}).get("requirements"))
-
-
 def _deepest(hits: Sequence[Diagnosis]) -> Optional[Diagnosis]:
     """Return the deepest cause that hides no other; None where none is known."""
     return next(iter(select_counting(hits, lambda hit: False)), None)
@@ -128,26 +122,28 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
     text_hints = hints(failure.text)
     killed = here.signal or failure.signal
     sure, could = _candidates(signatures, _around(here, text_hints, failure), here.python or text_hints.python)
+    if is_mention(failure.text) and not (here.failed or here.signal):
+        failure = failure._replace(failed=False, decisive=None, lines=())
+        sure = could = []
     if not failure.failed and len(failure.text.split("\n", QUOTED)) > QUOTED:
         sure = could = []  # a log of what went well may mention what is known to fail
-    hits, aside = _hits(sure, failure, killed)
-    if failure.failed or failure.text.count("\n") < QUOTED:
+    hits, aside = find_hits(sure, failure, killed)
+    if failure.failed or (failure.text.count("\n") < QUOTED and not is_mention(failure.text)):
         derived = derive(failure, text_hints, here.installed, here.python, here.history)
-        first = [hit for hit in hits if _is_exact(hit) and _where(hit, failure) is DECISIVE]
-        hits = (*first, *derived, *(hit for hit in hits if hit not in first))
+        hits = with_derived(hits, derived, failure)
     mentions = (MENTION.format(hit.seen, hit.signature.id) for hit in aside[:SHOWN])
     findings: List[Tuple[str, str, str]] = [("besides", NOTE, mention) for mention in mentions]
     if _deepest(hits) is None:
-        possible = _hits(could, failure, killed)[0]
-        named = [hit for hit in possible if _mentions_packages(hit.signature, failure.text)]
+        possible = find_hits(could, failure, killed)[0]
+        spoken = [hit for hit in possible if _mentions_packages(hit.signature, failure.text)]
         # Between two broad causes a text without versions cannot decide.
-        pasted = [hit for hit in named or possible if hit.signature.pattern] if _is_pasted(failure) else []
-        if len(named) == 1 or 0 < len(pasted) <= LIKELY:
-            likely = named if len(named) == 1 else pasted
+        pasted = [hit for hit in spoken or possible if hit.signature.pattern] if _is_pasted(failure) else []
+        if len(spoken) == 1 or 0 < len(pasted) <= LIKELY:
+            likely = spoken if len(spoken) == 1 else pasted
             hits = (*likely, *hits)
             findings += [("packages", NOTE, _describe_condition(hit.signature)) for hit in likely]
         else:
-            findings += [("possible", NOTE, _possible(hit)) for hit in (named or possible)[:SHOWN]]
+            findings += [("possible", NOTE, _possible(hit)) for hit in (spoken or possible)[:SHOWN]]
     # A known line that somebody only quotes counts as a failure, though no word in it says so.
     if not failure.failed and hits:
         failure = failure._replace(failed=True, decisive=hits[0].seen)
@@ -169,9 +165,9 @@ def _around(here: Facts, text_hints: Hints, failure: Failure) -> Around:
     hinted = dict(text_hints.packages)
     if here.installed is not None and failure.phase not in INSTALLING:
         return Around(installed=here.installed)
-    named = {requirement(text).name for text in here.requirements}
-    there = {name: version for name, version in (here.installed or {}).items() if name not in named}
-    pins = ("{}=={}".format(*pair) for pair in {**there, **hinted}.items() if pair[0] not in named)
+    wanted = {named(text) for text in here.requirements}
+    there = {name: version for name, version in (here.installed or {}).items() if name not in wanted}
+    pins = ("{}=={}".format(*pair) for pair in {**there, **hinted}.items() if pair[0] not in wanted)
     return Around(requirements=(*here.requirements, *pins))
 
 
@@ -206,7 +202,7 @@ def _of_python(signature: matching.Signature, python: Optional[str]) -> bool:
 
 def _mentions_packages(signature: matching.Signature, text: str) -> bool:
     """Return whether a text speaks of each package that takes part."""
-    return all(any(_speaks(requirement(each).name, text) for each in part) for part in signature.packages)
+    return all(any(_speaks(named(each), text) for each in part) for part in signature.packages)
 
 
 TOOLS = {
@@ -245,63 +241,15 @@ def _possible(hit: Diagnosis) -> str:
     )
 
 
-# --- where they are told ---------------------------------------------------------------------------------------
-
-
-def _hits(
-    signatures: Sequence[matching.Signature], failure: Failure, killed: Optional[str]
-) -> Tuple[Tuple[Diagnosis, ...], Tuple[Diagnosis, ...]]:
-    """Return the known failures that the text shows, the deepest cause first, and those that it only mentions.
-
-    What is written somewhere in a log, and in no line that says why, is no cause of an exception, nor of a command
-    that failed without a word; unless that line is a mask, which hides what was written before.
-    """
-    if not failure.failed:
-        signatures = [one for one in signatures if one.pattern is not None and not one.generic]
-    seen = Evidence(phase=None, reasons=failure.lines, logs=(failure.text,), signal=killed)
-    hits = sorted(matching.matches(signatures, seen), key=lambda hit: _rank(hit, failure))
-    best = min([_where(hit, failure) for hit in hits if not hit.signature.masks], default=LOG)
-    wordless = failure.failed and not failure.marked and killed is None
-    masked = any(hit.signature.masks and _where(hit, failure) is DECISIVE for hit in hits)
-    most = ELSEWHERE if best is not LOG or wordless or (failure.raised and not masked) else LOG
-    mask = ELSEWHERE if failure.raised else LOG
-    causes = tuple(hit for hit in hits if _where(hit, failure) <= (mask if hit.signature.masks else most))
-    return causes, tuple(hit for hit in hits if hit not in causes)
-
-
-def _rank(hit: Diagnosis, failure: Failure) -> Tuple[Any, ...]:
-    """Return the sort key of a hit: causes of the decisive line come before those found elsewhere."""
-    phases = hit.signature.phases
-    elsewhere = bool(phases) and failure.phase is not None and failure.phase not in phases
-    return matching.rank(hit.signature, _where(hit, failure), elsewhere)
-
-
-def _where(hit: Diagnosis, failure: Failure) -> int:
-    # A failure known by its signal has no line. A pattern over frames belongs to the exception below them.
-    if hit.signature.pattern is None or _in(hit.seen, failure.decisive):
-        return DECISIVE
-    if failure.raised and hit.seen in "\n".join(map(shorten_line, failure.region.splitlines())):
-        return DECISIVE
-    return ELSEWHERE if any(_in(hit.seen, line) for line in failure.lines) else LOG
-
-
-def _in(seen: str, line: Optional[str]) -> bool:
-    if not line:
-        return False
-    # `shorten_line` may have cut either line, so each is looked for in the other.
-    first = seen.rstrip("…")
-    return first in line or line.rstrip("…") in first
-
-
 # --- besides ---------------------------------------------------------------------------------------------------
 
 
 def _note_other_failure(failure: Failure, hits: Sequence[Diagnosis]) -> List[Tuple[str, str, str]]:
     """Return a note on the decisive line if the known cause does not explain it."""
     cause = _deepest(hits)
-    if cause is None or not failure.decisive or _where(cause, failure) is DECISIVE:
+    if cause is None or not failure.decisive or place_of(cause, failure) is DECISIVE:
         return []
-    if any(hit.signature.masks and _in(hit.seen, failure.decisive) for hit in hits):
+    if any(hit.signature.masks and is_in(hit.seen, failure.decisive) for hit in hits):
         return []
     text = "the last that failed is another line, a consequence or a failure of its own: {}".format(failure.decisive)
     return [("also", NOTE, text)]

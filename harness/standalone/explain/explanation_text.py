@@ -65,7 +65,7 @@ def _cause(hit: Diagnosis) -> Iterator[str]:
     for number, link in enumerate(list(plain.get("references", ()))[:LIKE_IT]):
         yield "{} {}".format("reference:" if number == 0 else "          ", link)
     if plain.get("derived"):
-        yield "derived:   from what releases and packages contain, and from the line itself"
+        yield "derived:   from what releases contain and the line says; nobody wrote this case down"
     else:
         yield "known as:  {}".format(hit.signature.id)
 

@@ -60,7 +60,8 @@ def read_failure(text: str, *, surely: bool = False) -> Failure:
     # Without a traceback an installer's reason is what a person would quote.
     decisive = gave_up if gave_up and not picked else said.decisive_line(text)
     marked = bool(picked or gave_up or killed or MARKED.search(text) or NAMED.search(text))
-    marked = marked or (len(lines) <= QUOTED and RAISED.search(text) is not None)
+    if len(lines) <= QUOTED:
+        marked = marked or RAISED.search(text) is not None or COMPLAINS.search(text) is not None
     failed = marked or surely
     first = decisive if failed else None
     every = [line for line in [first, *reversed(picked), *_complaints(lines)] if line]
@@ -82,7 +83,8 @@ def read_failure(text: str, *, surely: bool = False) -> Failure:
 def _region(lines: Sequence[str], decisive: Optional[str]) -> str:
     """Return the traceback that ends with the decisive line; empty if there is none."""
     begin = (decisive or "").partition(" / ")[0][:80]
-    ends = [place for place, line in enumerate(lines) if shorten_line(line).startswith(begin)]
+    word = begin.partition(" ")[0]
+    ends = [place for place, line in enumerate(lines) if word in line and shorten_line(line).startswith(begin)]
     if not ends:
         return ""
     starts = [place for place in range(ends[-1]) if START in lines[place]]
@@ -205,6 +207,13 @@ RAISED = re.compile(
 )
 """The beginning of an exception that is not called an error. Other lines begin so, too: it counts in short texts."""
 
+COMPLAINS = re.compile(
+    r"(?<!returned )\berror: \D|\b(?:[Cc]annot|[Cc]ould not|[Uu]nable to|[Ff]ailed to|[Nn]ot found|[Ii]ncompatible"
+    r"|[Cc]onflict\w*|[Uu]ndefined symbol|is not installed|[Uu]nsupported|does not (?:exist|provide)|not available"
+    r"|no longer supported|has been removed|[Nn]o matching|[Ii]nvalid)\b"
+)
+"""Words of a short text that complains; a log has them in lines that stopped nothing."""
+
 QUOTED = 4
 """Lines of a text that is no log: somebody asks what they mean."""
 
@@ -292,10 +301,17 @@ KILLED = (
 )
 
 
+IN_KILLED = (
+    ("SIG",), ("egmentation fault",), ("Aborted", "terminate called"), ("Illegal instruction",), ("loating point",),
+    ("Bus error",), ("Killed", "exit"),
+)  # fmt: skip
+"""Literals of these patterns: most texts have none, which is seen quickly."""
+
+
 def _signal(text: str) -> Optional[str]:
     """Return the name of the signal that killed a process, if the text says so; else None."""
-    for pattern, name in KILLED:
-        match = pattern.search(text)
+    for (pattern, name), literals in zip(KILLED, IN_KILLED):
+        match = pattern.search(text) if any(literal in text for literal in literals) else None
         if match:
             return name or next(one for one in match.groups() if one)
     return None

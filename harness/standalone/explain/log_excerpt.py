@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import Callable, List, NamedTuple, Optional, Sequence
+from typing import Callable, List, NamedTuple, Optional, Set
 
 BEFORE, AFTER = 3, 250
 """Lines that belong to a marked one: those before it, and at most so many after it."""
@@ -15,6 +15,13 @@ MARKS = (
 )  # fmt: skip
 """Of a line that may say why."""
 
+CHAIN = (b"The above exception", b"During handling")
+"""How lines between the tracebacks of a chain begin."""
+
+LONGEST = 1 << 18
+"""Bytes of a block: a progress bar may be one line of many megabytes."""
+
+DIGITS = b"0123456789"
 NUMBERS = re.compile(rb"0x[0-9a-fA-F]+|\d+")
 
 
@@ -48,8 +55,8 @@ class Keeper:
         self._tail = bytearray()
         self._middle: List[bytes] = []
         self._kept = 0
-        self._known: set[bytes] = set()
-        self._open: Optional[List[bytes]] = None
+        self._known: Set[bytes] = set()
+        self._open = b""
 
     def take(self, piece: bytes) -> None:
         """Take the next piece."""
@@ -67,36 +74,44 @@ class Keeper:
             del self._tail[:end]
 
     def _pass(self, piece: bytes) -> None:
-        """Search a piece from the middle of the log for blocks to keep."""
-        if self._open is None and not any(mark in piece for mark in MARKS):
-            return
-        lines = piece.splitlines(keepends=True)
-        marked = {place for place, line in enumerate(lines) if any(mark in line for mark in MARKS)}
-        for place, line in enumerate(lines):
-            if self._open is not None:
-                self._open.append(line)
-                # The blank lines around these words are inside a chain, which has to stay one block.
-                inside = _leads_on(lines[place - 1 : place]) or _leads_on(lines[place + 1 : place + 2])
-                if (not line.strip() and not inside) or len(self._open) > BEFORE + AFTER:
-                    self._close()
-            elif place in marked:
-                self._open = [b"".join(lines[max(0, place - BEFORE) : place]), line]
+        """Search a piece from the middle of the log for blocks to keep; one that goes on is left for the next piece."""
+        piece, self._open = self._open + piece, b""
+        places = {mark: piece.find(mark) for mark in MARKS}
+        done = 0
+        while True:
+            first = min((place for place in places.values() if place >= 0), default=None)
+            if first is None:
+                return
+            start = piece.rfind(b"\n", 0, first) + 1
+            end = _end_of_block(piece, start)
+            before = _lines_before(piece, start, done)
+            if end is None and len(piece) - start < LONGEST:
+                self._open = piece[before:]
+                return
+            done = len(piece) if end is None else end
+            self._keep(piece[before:start], piece[start:done])
+            places = {
+                mark: place if place >= done or place < 0 else piece.find(mark, done) for mark, place in places.items()
+            }
 
-    def _close(self) -> None:
-        """Keep the open block, unless the same was kept before, whatever lines stood in front of it."""
-        opened, self._open = self._open, None
-        if opened is None:
+    def _keep(self, before: bytes, block: bytes) -> None:
+        """Keep a block, unless the same was kept before, whatever lines stood in front of it."""
+        size = len(before) + len(block)
+        if self._kept + size > self.bounds.middle:
             return
-        block = b"".join(opened)
-        shape = NUMBERS.sub(b"0", b"".join(opened[1:]))
-        if shape not in self._known and self._kept + len(block) <= self.bounds.middle:
-            self._known.add(shape)
-            self._middle.append(block)
-            self._kept += len(block)
+        # To remove digits is quick; what is new without them is looked at for addresses, too.
+        bare = block.translate(None, DIGITS)
+        if bare in self._known:
+            return
+        shape = NUMBERS.sub(b"0", block)
+        if shape not in self._known:
+            self._middle.append(before + block)
+            self._kept += size
+        self._known.update((bare, shape))
 
     def finish(self) -> Excerpt:
         """Return all that is kept, as text. No piece may be taken afterwards."""
-        self._close()
+        self._keep(b"", self._open)
         cut = self.size > len(self._head) + len(self._tail)
         middle = b"\n\n".join([b"", *self._middle, b""]) if cut else b""
         whole = bytes(self._head) + middle + bytes(self._tail)
@@ -104,9 +119,32 @@ class Keeper:
         return Excerpt(decode(whole), self.size, max(0, missing))
 
 
-def _leads_on(line: Sequence[bytes]) -> bool:
-    """Return whether a line stands between the tracebacks of a chain."""
-    return any(one.startswith((b"The above exception", b"During handling")) for one in line)
+def _end_of_block(piece: bytes, start: int) -> Optional[int]:
+    """Return where the block from a marked line on ends: after a blank line, or many lines; None if it goes on."""
+    place, previous = start, b""
+    for _ in range(AFTER + 1):
+        end = piece.find(b"\n", place)
+        if end < 0:
+            return None
+        line = piece[place:end]
+        if not line.strip():
+            following = piece[end + 1 : end + 40]
+            if not following:
+                return None
+            # The blank lines around these words are inside a chain, which has to stay one block.
+            if not (previous.startswith(CHAIN) or following.startswith(CHAIN)):
+                return end + 1
+        place, previous = end + 1, line
+    return place
+
+
+def _lines_before(piece: bytes, start: int, done: int) -> int:
+    """Return where the few lines before a block begin, after what was kept already."""
+    place = start
+    for _ in range(BEFORE):
+        if place > done:
+            place = piece.rfind(b"\n", done, place - 1) + 1 or done
+    return place
 
 
 def read_excerpt(read: Callable[[int], bytes], bounds: Bounds = USUAL) -> Excerpt:

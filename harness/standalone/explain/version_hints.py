@@ -75,10 +75,11 @@ def _installed(text: str) -> Iterator[Tuple[str, str]]:
 
 
 def _there(text: str) -> Iterator[Tuple[str, str]]:
-    for pattern in (THERE, HAVE, FROZEN, LISTED):
-        yield from pattern.findall(text)
+    for pattern, literal in ((THERE, "already satisfied"), (HAVE, "have "), (FROZEN, "=="), (LISTED, "  ")):
+        yield from pattern.findall(text) if literal in text else ()
 
 
 def _mentioned(text: str) -> Iterator[Tuple[str, str]]:
-    for pattern in (NAMED, IN_FILE, KEY_VERSION):
-        yield from pattern.findall(text)
+    for pattern, literals in ((NAMED, ("==",)), (IN_FILE, (".whl", ".tar.gz", ".dist-info", ".egg"))):
+        yield from pattern.findall(text) if any(literal in text for literal in literals) else ()
+    yield from KEY_VERSION.findall(text) if "version" in text.lower() else ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import lru_cache
-from typing import Any, FrozenSet, Iterator, List, Sequence, Tuple
+from typing import Any, Dict, FrozenSet, Iterator, List, Mapping, Sequence, Tuple
 
 try:
     from re import _parser  # type: ignore[attr-defined]
@@ -24,9 +24,19 @@ WIDEST = 12
 """Literals of one clause."""
 
 
+_remembered: Dict[str, Tuple[Clause, ...]] = {}
+
+
+def remember(clauses_by_pattern: Mapping[str, Sequence[Sequence[str]]]) -> None:
+    """Take the clauses of patterns that were parsed before: to parse them takes longer than to look for them."""
+    _remembered.update({pattern: tuple(map(frozenset, those)) for pattern, those in clauses_by_pattern.items()})
+
+
 @lru_cache(maxsize=None)
 def clauses(pattern: str) -> Tuple[Clause, ...]:
     """Return clauses that hold for every text in which the pattern is found; none if nothing is known."""
+    if pattern in _remembered:
+        return _remembered[pattern]
     try:
         parsed = _parser.parse(pattern, re.MULTILINE)
         if (parsed.state if hasattr(parsed, "state") else parsed.pattern).flags & re.IGNORECASE:

@@ -22,7 +22,7 @@ from typing import (
     TypeVar,
 )
 
-from ..requirements import requirement
+from ..requirements import named, requirement
 from ..versions import canonical, specifiers, unsatisfiable
 from . import literals
 from .lines import shorten_line
@@ -311,13 +311,15 @@ def _build_look(around: Any) -> Look:
 
 
 def _installed(text: str, installed: Mapping[str, str]) -> bool:
+    if named(text) not in installed:
+        return False
     wanted = requirement(text)
     return wanted.name in installed and wanted.specifiers.admits(installed[wanted.name])
 
 
 def _asked_for(text: str, constraints: Mapping[str, List[Any]]) -> Optional[bool]:
-    wanted = requirement(text)
-    if wanted.name not in constraints:
+    if named(text) not in constraints:
         return None
+    wanted = requirement(text)
     # A requirement is a range, so it speaks against a failure only if no version is left for both.
     return not unsatisfiable([wanted.specifiers, *constraints[wanted.name]])

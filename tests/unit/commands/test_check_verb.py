@@ -12,7 +12,7 @@ import pytest
 
 from harness.__main__ import main
 from harness.model.schema import json_schema
-from harness.reports.projects.checked import Checked
+from harness.reports.projects.checked import Checked, CheckedFiles
 from harness.reports.projects.upgraded import Upgraded
 
 ENVIRONMENT = "lib/python3.11/site-packages"
@@ -129,7 +129,10 @@ def test_every_file_for_itself(capsys: pytest.CaptureFixture[str], fresh: Path) 
 
     code, document = check(capsys, "-r", first, second)
     assert (code, document["findings"][0]["kind"]) == (1, "conflict")
-    assert main(["check", "--each", "-r", first, second]) == 0
+    assert main(["check", "--each", "-r", first, second, "--json"]) == 0
+    files = json.loads(capsys.readouterr().out)
+    jsonschema.validate(files, json_schema(CheckedFiles))
+    assert [each["source"] for each in files["files"]] == ["a.txt", "b.txt"]
 
 
 def test_an_environment_at_hand(capsys: pytest.CaptureFixture[str], fresh: Path) -> None:

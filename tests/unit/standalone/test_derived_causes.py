@@ -76,7 +76,7 @@ def test_the_release_at_hand_decides_the_side() -> None:
     line = "AttributeError: module 'gym' has no attribute 'GoalEnv'"
     assert explained(line, gym="0.21.0") is None
     assert explained(line, gym="0.26.0") == (
-        "gym has `gym.GoalEnv` no more since 0.22.0; the one at hand is newer",
+        "gym lacks `gym.GoalEnv` since 0.22.0, and the installed release is newer",
         ("gym<0.22.0",),
     )
 
@@ -91,4 +91,7 @@ def test_neighbours_of_a_release_that_never_was_are_named() -> None:
 def test_a_conflict_names_the_release_that_is_wanted() -> None:
     """The bound is what the other package asks for."""
     line = "stable-baselines3 1.6.2 requires gym==0.21, but you have gym 0.23.1 which is incompatible."
-    assert explained(line) == ("stable-baselines3 1.6.2 wants gym==0.21, and gym 0.23.1 is installed", ("gym==0.21",))
+    assert explained(line) == (
+        "stable-baselines3 1.6.2 requires gym==0.21, but gym 0.23.1 is installed",
+        ("gym==0.21",),
+    )

@@ -9,19 +9,26 @@ from functools import lru_cache
 from typing import Any, Dict, Iterator, NamedTuple, Optional, Tuple
 
 from ..adapters import carried_file
-from .api_history import PLACES
+from ..explain.api_history import PLACES
+from .scene import Cause, Causes, Pattern, Scene
 
-LIBRARY = re.compile(r"\b(lib[\w+-]+\.so(?:\.\d+)*): cannot open shared object file: No such file or directory")
-HEADER = re.compile(r"fatal error: '?((?:[\w.+-]+/)*[\w.+-]+\.h(?:pp)?)'?(?:: | file not found)")
+LIBRARY = Pattern(
+    r"\b(lib[\w+-]+\.so(?:\.\d+)*)\W*(?:: )?(?:cannot open shared object file|not found|No such file|\(no such file)"
+    r"|(?:[Ll]ibrary|load|find) [`'\"]?(lib[\w+-]+\.so(?:\.\d+)*)",
+    ".so",
+)
+HEADER = Pattern(r"fatal error: '?((?:[\w.+-]+/)*[\w.+-]+\.h(?:pp)?)'?(?:: | file not found)", "fatal error: ")
 """Compilers say the rest in the language of their user."""
 
-LINKED = re.compile(r"\bld: cannot find -l([\w+-]+)")
-PROGRAM = re.compile(
-    r"(?:/bin/sh: (?:\d+: )?|bash: (?:line \d+: )?|^)([\w.+-]+): (?:command )?not found"
+LINKED = Pattern(r"cannot find -l([\w+-]+)|library not found for -l([\w+-]+)", " -l")
+PROGRAM = Pattern(
+    r"(?:/bin/sh: (?:\d+: )?|bash: (?:line \d+: )?|zsh: |^)([\w.+-]+): (?:command )?not found"
     r"|unable to execute '([\w.+-]+)': No such file or directory"
     r"|error: command '([\w.+-]+)' failed: No such file or directory"
-    r"|FileNotFoundError: \[Errno 2\] No such file or directory: '([\w.+-]+)'$"
-)
+    r"|FileNotFoundError: \[Errno 2\] No such file or directory: '([\w.+-]+)'$",
+    "not found", "No such file or directory",
+)  # fmt: skip
+ERROR = re.compile(r"[Ee]rror|rror:|not found|[Nn]o such file|cannot|[Cc]ould not|[Uu]nable|[Ff]ail|missing")
 
 CONDA = {
     "libEGL.so": "libegl", "libGL.so": "libgl", "libGLX.so": "libglx", "libGLEW.so": "glew", "libGLU.so": "libglu",
@@ -42,6 +49,35 @@ class MissingFile(NamedTuple):
     debian: Optional[str]
     conda: Optional[str]
     other: bool
+
+
+def causes(line: str, scene: Scene) -> Causes:
+    """Yield the cause where a line names a library, header or program that some package has."""
+    file = find(line)
+    if file is not None:
+        yield _headers_of_python() if file.name == "Python.h" else _cause(file)
+
+
+def _cause(file: MissingFile) -> Cause:
+    ways = []
+    if file.debian:
+        ways.append("`apt-get install {}` on Debian and Ubuntu".format(file.debian))
+    if file.conda:
+        ways.append("`conda install -c conda-forge {}`".format(file.conda))
+    version = ", perhaps in another version" if file.other else ""
+    text = "the {} `{}` is not on this machine, or not where it is looked for".format(file.kind, file.name)
+    return Cause(file.name, text, {"text": "Install it{}: {}.".format(version, " or ".join(ways))})
+
+
+def _headers_of_python() -> Cause:
+    return Cause(
+        "python-headers",
+        "the Python that runs the build has no headers (Python.h); a Python inside an application never has them",
+        {
+            "text": "For the system's Python: `apt-get install python3-dev` (python3.N-dev of the same N). Else build"
+            " with a Python of conda, uv or python.org."
+        },
+    )
 
 
 def find(line: str) -> Optional[MissingFile]:
@@ -65,7 +101,7 @@ def _named(line: str) -> Iterator[Tuple[str, str, str]]:
         ("program", "programs", PROGRAM),
     ):
         match = pattern.search(line)
-        if match:
+        if match and ERROR.search(line):
             name = next(filter(None, match.groups()))
             yield kind, table, "lib{}.so".format(name) if table == "links" else name
 

@@ -1,0 +1,104 @@
+"""Load what `explain` compares a text with: known failures and measured results, from one file made for it.
+
+The file is made once for each state of the signatures and the reports, and kept below the cache folder. Reading it
+needs the standard library alone, so that an answer comes at once.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from harness.machine.files.cache_path import cache_path
+from harness.running.signatures import signature_files
+from harness.standalone.failures import literals, matching
+
+PACKAGE = Path(__file__).parents[2]
+ROOMS = ("matrix", "model", "reports", "standalone/failures")
+"""Rooms whose code makes what the file holds."""
+
+KIND = "explain"
+KEPT = 16
+"""Files that are kept: several checkouts share a cache."""
+
+Index = dict[str, Any]
+
+
+def load_signatures() -> list[matching.Signature]:
+    """Return the known failures in the form that the standalone modules read. Raises BadInput."""
+    index = _load()
+    literals.remember(index["literals"])
+    return [matching.read(plain) for plain in index["signatures"]]
+
+
+def load_measured() -> dict[str, Any]:
+    """Return of all measured cells what `explain` shows of one. Raises BadInput."""
+    if os.environ.get("HARNESS_RESULTS") or (Path(os.environ.get("HARNESS_STATE") or ".harness") / "cells").is_dir():
+        from harness.reports.answers import result_index  # noqa: PLC0415 - start-up
+
+        return result_index.load_plain()
+    return {"cells": _load()["cells"]}
+
+
+@cache
+def _load() -> Index:
+    file = cache_path() / "remembered" / KIND / _name()
+    with suppress(OSError, ValueError, KeyError):
+        index: Index = json.loads(file.read_bytes())
+        return {key: index[key] for key in ("signatures", "literals", "cells")}
+    collected = _make()
+    _keep(file, json.dumps(collected).encode())
+    return collected
+
+
+def _name() -> str:
+    """Return the name of the file: it differs where anything that it is made of differs."""
+    place = signature_files.folder()
+    marks = [(str(file), entry.st_mtime_ns, entry.st_size) for file in _sources() for entry in (file.stat(),)]
+    return hashlib.sha256(repr((str(place), marks)).encode()).hexdigest()[:32]
+
+
+def _sources() -> Iterator[Path]:
+    yield from signature_files.files()
+    packed = PACKAGE / "measured.json.gz"
+    yield from [packed] if packed.is_file() else sorted((PACKAGE.parent / "reports").glob("*/report.json"))
+    for room in ROOMS:
+        yield from sorted((PACKAGE / room).rglob("*.py"))
+
+
+def _make() -> Index:
+    """Collect the known failures, the literals of their patterns, and the cells that failed."""
+    from harness.reports.answers import result_index  # noqa: PLC0415 - start-up
+    from harness.running.signatures import shipped_signatures  # noqa: PLC0415 - start-up
+
+    signatures = [each.as_file for each in shipped_signatures.load_all()]
+    cells = [
+        {"id": cell.id, "requirements": list(cell.requirements), "causes": list(cell.causes), "decisive": cell.decisive}
+        for cell in result_index.load_shipped().cells
+        if cell.causes or cell.decisive
+    ]
+    return {"signatures": signatures, "literals": literals_of(signatures), "cells": cells}
+
+
+def literals_of(signatures: Sequence[dict[str, Any]]) -> dict[str, list[list[str]]]:
+    """Return of each pattern the literals that a text must contain for it to match."""
+    patterns = [each["pattern"] for each in signatures if each.get("pattern")]
+    return {pattern: [sorted(clause) for clause in literals.clauses(pattern)] for pattern in patterns}
+
+
+def _keep(file: Path, content: bytes) -> None:
+    """Write the file, and remove the oldest of its kind; a cache that cannot be used costs only time."""
+    from harness.machine import store  # noqa: PLC0415 - start-up
+    from harness.model.errors import BadInput  # noqa: PLC0415 - start-up
+
+    with suppress(OSError, BadInput):
+        folder = store.cache_folder() / "remembered" / KIND
+        for old in sorted(folder.glob("*"), key=lambda each: each.stat().st_mtime)[: -KEPT + 1]:
+            old.unlink(missing_ok=True)
+        store.write_atomic(folder / file.name, content)

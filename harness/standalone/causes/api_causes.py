@@ -1,0 +1,255 @@
+"""Derive from the histories of packages which release has the name that was asked for.
+
+Nothing is derived where no release has the name, where all have it, or where the release at hand has it: then the fault
+lies elsewhere, perhaps in the user's own code.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Dict, Iterator, List, Optional, Tuple
+
+from ..explain.api_history import OF_IMPORT, Availability, History
+from ..explain.history_words import packages_with
+from ..explain.import_names import package_with
+from .scene import DOTTED, QUOTE, WORD, Cause, Causes, Pattern, Scene, requirement_remedy
+
+ATTRIBUTE = Pattern(
+    "(?:^|[^\\w'])(?:module )?{0}({1}){0} has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD), "has no attribute"
+)
+OF_SOME_MODULE = Pattern(
+    "{0}module{0} object has no attribute {0}({1}){0}".format(QUOTE, WORD), "object has no attribute"
+)
+IMPORTED = Pattern(
+    "cannot import (?:name )?{0}({2}){0} from (?:partially initialized module )?{0}?({1})".format(QUOTE, DOTTED, WORD),
+    "cannot import ",
+)
+MODULE = Pattern("No module named {0}?({1}){0}?".format(QUOTE, DOTTED), "No module named ")
+MEMBER = Pattern("{0}({1}){0} (?:object )?has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD), "has no attribute")
+SCHEMA = Pattern(
+    r"XML Error: Schema violation: unrecognized (element|attribute)"
+    r"(?:: {0}?(\w+){0}?)?(?:\W+Element {0}(\w+){0})?".format(QUOTE),
+    "Schema violation",
+)
+SHORTEST = 5
+"""Characters of a name that no line of a user's own has by accident."""
+
+STANDARD = {
+    "distutils": ("setuptools", "Python 3.12 removed `distutils`; setuptools brings a copy of it"),
+    "pkg_resources": ("setuptools<81", "`pkg_resources` is part of setuptools, which new environments lack"),
+    "setuptools": ("setuptools", "setuptools is not installed: environments of Python 3.12 and newer lack it"),
+    "imp": ("", "Python 3.12 removed the module `imp`"),
+    "asynchat": ("", "Python 3.12 removed the module `asynchat`"),
+    "asyncore": ("", "Python 3.12 removed the module `asyncore`"),
+    "cgi": ("", "Python 3.13 removed the module `cgi`"),
+    "cmake": ("", "the script `cmake` here belongs to a Python package, which an isolated build does not see"),
+    "_tkinter": ("", "this Python was built without tkinter"),
+}
+"""Modules that came with Python or with every environment, the package that brings them, and why they are missing."""
+
+UPDATE = "Or take a newer release of the package that imports it."
+OTHER_REMEDIES: Dict[str, Dict[str, Any]] = {
+    "cmake": {
+        "text": "Install the system's own: `apt-get install cmake` (or by conda), and remove the script from PATH."
+    },
+    "_tkinter": {"text": "Install it: `apt-get install python3-tk`, or take a Python of conda or python.org."},
+}
+
+FORWARDING = "1.0"
+"""The first gymnasium whose wrappers do not forward attributes of the environment that they wrap."""
+
+
+def causes(line: str, scene: Scene) -> Causes:
+    """Yield the cause that a history gives: the one package whose releases differ in the name."""
+    for rule in (_wrapper, _attribute, _some_module, _module, _member, _schema):
+        answers: Dict[str, Cause] = {}
+        for what, there in rule(line, scene):
+            if there is not None:
+                answers.setdefault(there.package, availability_cause(what, there, scene))
+        if answers:
+            # Of several packages that differ in it, none is accused.
+            yield from list(answers.values()) if len(answers) == 1 else ()
+            return
+
+
+Answers = Iterator[Tuple[str, Optional[Availability]]]
+
+
+def _attribute(line: str, scene: Scene) -> Answers:
+    attribute, imported = ATTRIBUTE.search(line), IMPORTED.search(line)
+    if attribute:
+        module, name = attribute.groups()
+    elif imported:
+        name, module = imported.groups()
+    else:
+        return
+    history = scene.history_with(module)
+    if history is None:
+        return
+    spans = history.spans("names", module, name) or history.spans("modules", "{}.{}".format(module, name))
+    yield "`{}.{}`".format(module, name), where(history, spans, scene)
+
+
+def _some_module(line: str, scene: Scene) -> Answers:
+    """Yield where an attribute is of a module that the message does not name, as Python 2 writes it."""
+    match = OF_SOME_MODULE.search(line)
+    if match is None or len(match.group(1)) < SHORTEST:
+        return
+    name = match.group(1)
+    for package in packages_with("names", name):
+        history = scene.history(package)
+        modules = [
+            module
+            for module, names in (history.plain if history else {}).get("names", {}).items()
+            if name in names and "." not in module
+        ]
+        if history is not None and modules:
+            module = min(modules, key=len)
+            # No Python of the last ten years writes so: the environment is as old, and its packages are.
+            version = scene.versions.get(package, history.versions[history.read[0]])
+            yield "`{}.{}`".format(module, name), history.where(history.spans("names", module, name), version)
+
+
+def _module(line: str, scene: Scene) -> Answers:
+    match = MODULE.search(line)
+    if match and "." in match.group(1):
+        module = match.group(1).rstrip(".")
+        history = scene.history_with(module)
+        if history is not None:
+            yield "the module `{}`".format(module), where(history, history.spans("modules", module), scene)
+
+
+def _wrapper(line: str, scene: Scene) -> Answers:
+    """Yield where gymnasium's own wrapper was asked for an attribute of the environment that it wraps."""
+    match = MEMBER.search(line)
+    if match is None or "object has no attribute" not in line:
+        return
+    owner, name = match.group(1).rpartition(".")[2], match.group(2)
+    if not name.startswith("_") and owner in WRAPPERS and (scene.installed is None or "gymnasium" in scene.installed):
+        version = scene.versions.get("gymnasium", "1.0")
+        history = scene.load("gymnasium")
+        is_own = bool(history and any(name in names for path, names in _members(history) if path.endswith("." + owner)))
+        if version.split(".")[0] != "0" and not is_own:
+            yield (
+                "attributes of the wrapped environment (`{}` of `{}`)".format(name, owner),
+                Availability("gymnasium", None, None, FORWARDING, True, "gymnasium<{}".format(FORWARDING)),
+            )
+
+
+WRAPPERS = frozenset(
+    "OrderEnforcing PassiveEnvChecker TimeLimit Autoreset AutoResetWrapper RecordEpisodeStatistics RecordVideo"
+    " FlattenObservation NormalizeObservation NormalizeReward ClipAction RescaleAction TransformObservation"
+    " TransformReward FrameStack FrameStackObservation ResizeObservation GrayScaleObservation GrayscaleObservation"
+    " HumanRendering RenderCollection FilterObservation TimeAwareObservation AtariPreprocessing ClipReward".split()
+)
+"""Classes of gymnasium.wrappers that wrap one environment."""
+
+
+def _members(history: History) -> List[Tuple[str, Any]]:
+    return list(history.plain.get("members", {}).items())
+
+
+def _member(line: str, scene: Scene) -> Answers:
+    match = MEMBER.search(line)
+    if match is None:
+        return
+    owner, name = match.group(1).rpartition(".")[2], match.group(2)
+    for history in spoken_of(scene, match.group(1), "members", name):
+        paths = [path for path, _ in _members(history) if path.rpartition(".")[2] == owner]
+        having = [history.spans("members", path, name) for path in paths]
+        spans = max((item for item in having if item), key=len, default=None)
+        if spans and len(paths) <= 3:
+            yield "`{}.{}`".format(owner, name), where(history, spans, scene)
+
+
+def _schema(line: str, scene: Scene) -> Answers:
+    match = SCHEMA.search(scene.failure.text if "Schema violation" in line else line)
+    history = scene.history("mujoco") if match else None
+    if match is None or history is None:
+        return
+    kind, name, element = match.groups()
+    if kind == "attribute" and name:
+        end = "/{} {}".format(element, name) if element else " {}".format(name)
+        entries = [key for key in history.plain.get("schema", {}) if key.endswith(end)]
+        what = "the attribute `{}`{}".format(name, " of the element `{}`".format(element) if element else "")
+    else:
+        wanted = name or element
+        entries = [key for key in history.plain.get("schema", {}) if wanted and key.endswith("/{}".format(wanted))]
+        what = "the element `{}`".format(wanted)
+    places = sorted(
+        {
+            place
+            for key in entries
+            for span in history.spans("schema", key) or ()
+            for place in range(span[0], span[1] + 1)
+        }
+    )
+    yield what, where(history, [(place, place) for place in places], scene, history.ran)
+
+
+def absent(line: str, scene: Scene) -> Causes:
+    """Yield the cause that a whole package, or a module that came with older Pythons, is missing."""
+    match = MODULE.search(line)
+    if match is None:
+        return
+    module = match.group(1).rstrip(".")
+    package, text = STANDARD.get(module.partition(".")[0], ("", ""))
+    if text:
+        remedy: Dict[str, Any] = OTHER_REMEDIES.get(module) or (
+            requirement_remedy(package, "Or use Python 3.11.") if package else {"python": "<3.12", "text": UPDATE}
+        )
+        yield Cause(package.partition("<")[0] or "python", text, remedy)
+    elif "." not in module and package_with(module):
+        name = str(package_with(module))
+        yield Cause(
+            name,
+            "the module `{}` belongs to the package {}, which is not installed for this Python".format(module, name),
+            requirement_remedy(name),
+        )
+
+
+# --- what rules share ------------------------------------------------------------------------------------------
+
+
+def spoken_of(scene: Scene, name: str, kind: str, word: str) -> Iterator[History]:
+    """Yield the histories of packages that a dotted name or the traceback names, the innermost first.
+
+    Of a line by itself these are the packages whose releases differ in a word of a kind.
+    """
+    tops = [name.partition(".")[0]] if "." in name else []
+    tops += scene.modules
+    if not word and scene.is_pasted:
+        tops += [module for module in OF_IMPORT if scene.speaks_of(module)]
+    histories = [history for history in map(scene.history_with, tops) if history is not None]
+    if not histories and scene.is_pasted:
+        histories = [history for history in map(scene.history, packages_with(kind, word)) if history is not None]
+    seen = set()
+    for history in histories:
+        if history.package not in seen:
+            seen.add(history.package)
+            yield history
+
+
+def where(history: History, spans: Any, scene: Scene, among: Optional[List[int]] = None) -> Optional[Availability]:
+    """Return where a name with these spans is to be had, for the version that the text or the environment tells."""
+    return history.where(spans, scene.versions.get(history.package), among)
+
+
+def availability_cause(what: str, there: Availability, scene: Scene) -> Cause:
+    """Return the cause that a release lacks a name."""
+    if there.after is None:
+        text = "{} has {} only since {}, and the installed release is older".format(there.package, what, there.first)
+    elif there.first is None:
+        text = "{} lacks {} since {}, and the installed release is newer".format(there.package, what, there.after)
+    else:
+        side = "newer" if there.too_new else "older"
+        text = "{} has {} from {} to {}, and the installed release is {}".format(
+            there.package, what, there.first, there.last, side
+        )
+    return Cause(there.package, text + _asker(scene, there.package), requirement_remedy(there.bound))
+
+
+def _asker(scene: Scene, package: str) -> str:
+    """Return who asks for it, if it is another package."""
+    asking = scene.modules[0] if scene.modules else ""
+    history = scene.history_with(asking) if asking else None
+    return "; `{}` asks for it".format(asking) if asking and (history is None or history.package != package) else ""

@@ -1,0 +1,144 @@
+"""Explain builds of wheels that failed: what the build lacked or did not fit, and what replaces the package."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Dict, Optional, Tuple
+
+from ..versions import canonical, is_version
+from . import missing_releases
+from .scene import PACKAGE, Cause, Causes, Pattern, Scene
+
+BUILT = Pattern(
+    r"(?:Failed building (?:wheel|editable) for|Could not build wheels for|Failed to build(?: installable wheels for)?"
+    r"(?: some pyproject\.toml based projects \()?|Failed to download and build|Encountered error while (?:trying to"
+    r" install package|generating package metadata)\.?:?|Running setup\.py (?:install|bdist_wheel) for"
+    r"|Building (?:wheel|editable) for)"
+    r" `?({0})(?:==(\d[\w.]*))?".format(PACKAGE),
+    "Failed building", "Could not build", "Failed to build", "Failed to download", "Encountered error",
+    "Running setup.py", "Building ",
+)  # fmt: skip
+ERROR_ONLY = re.compile(r"\.\.\. error|did not run successfully|[Ff]ail|[Cc]ould not|Encountered error")
+REPLACED: Dict[str, Tuple[str, Dict[str, Any]]] = {
+    "atari-py": ("ale-py replaces it, with wheels", {"requirements": ["ale-py"], "uninstall": ["atari-py"]}),
+    "box2d-py": ("the package `box2d` brings the same module, with wheels", {"requirements": ["box2d"]}),
+    "box2d-kengz": ("the package `box2d` brings the same module, with wheels", {"requirements": ["box2d"]}),
+    "mujoco-py": (
+        "its build needs the files of MuJoCo 2.1, a C compiler and GL headers; the package `mujoco` replaces it",
+        {"requirements": ["mujoco"], "text": "Ids of gymnasium that end in -v4 and -v5 use it."},
+    ),
+    "gym": ("gymnasium replaces it", {"build_constraints": ["setuptools<66", "wheel<0.40"], "requirements": ["gym"]}),
+    "pybullet": (
+        "it needs a C++ compiler and minutes; conda-forge has it built",
+        {"text": "Type `conda install -c conda-forge pybullet`, or take a Python that it has a wheel for."},
+    ),
+    "dm-tree": ("older releases need Bazel or CMake", {"requirements": ["dm-tree>=0.1.8"]}),
+    "labmaze": ("it needs Bazel where it has no wheel", {"requirements": ["labmaze>=1.0.6"]}),
+    "free-mujoco-py": ("it is a copy of mujoco-py, and `mujoco` replaces both", {"requirements": ["mujoco"]}),
+    "pygame": ("older releases have no wheel for newer Pythons", {"requirements": ["pygame>=2.6"]}),
+    "opencv-python": ("older releases have no wheel for newer Pythons", {"requirements": ["opencv-python>=4.5.5"]}),
+}
+"""What replaces a package, and why it helps."""
+
+HINTS = (
+    (
+        Pattern(r"noexcept|Cannot assign type '.*' to '.*nogil|_cython_\d.*PerformanceHint|legacy_implicit_noexcept",
+                "noexcept", "Cannot assign type"),
+        "cython", "the code was written for Cython 0.29, and Cython 3 refuses it",
+        {"build_constraints": ["cython<3"], "requirements": ["cython<3"]},
+    ),
+    (
+        Pattern(r"Compatibility with CMake < 3\.5 has been removed", "Compatibility with CMake"),
+        "cmake", "CMake 4 refuses projects that ask for a CMake older than 3.5",
+        {"requirements": ["cmake<4"], "text": "Or type `export CMAKE_POLICY_VERSION_MINIMUM=3.5`."},
+    ),
+    (
+        Pattern(r"use_2to3 is invalid", "use_2to3"),
+        "setuptools", "setuptools 58 removed `use_2to3`, which this package's setup.py asks for",
+        {"build_constraints": ["setuptools<58"], "requirements": ["setuptools<58"]},
+    ),
+    (
+        Pattern(r"module 'pkgutil' has no attribute 'ImpImporter'", "ImpImporter"),
+        "setuptools", "Python 3.12 removed `pkgutil.ImpImporter`, which setuptools before 66.1 uses",
+        {"requirements": ["setuptools>=66.1"], "text": "If an old package pins setuptools, take Python 3.11."},
+    ),
+    (
+        Pattern(r"error: invalid command 'bdist_wheel'", "bdist_wheel"),
+        "wheel", "the package `wheel` is missing where setup.py runs", {"requirements": ["wheel"]},
+    ),
+    (
+        Pattern(r"longintrepr\.h: No such file|'PyThreadState' .*has no member named '(?:curexc|exc_)"
+                r"|has no member named 'ob_digit'|'PyFrameObject'.* has no member|_PyUnicode_\w+' was not declared",
+                "longintrepr", "has no member", "_PyUnicode"),
+        "python", "the C code was made by an older Cython, and this Python is newer than it knows",
+        {"text": "Take a newer release of the package, or an older Python (3.10 has longintrepr.h)."},
+    ),
+    (
+        Pattern(r"'?cython_sources'?", "cython_sources"),
+        "pyyaml", "PyYAML before 6.0.1 does not build with Cython 3", {"requirements": ["pyyaml>=6.0.1"]},
+    ),
+    (
+        Pattern(r"Microsoft Visual C\+\+ 14\.0 or greater is required", "Microsoft Visual C++"),
+        "visual-c++", "the package has no wheel for this Python on Windows, and its build needs Microsoft's compiler",
+        {"text": "Take a Python that it has a wheel for, or install the Build Tools for Visual Studio (C++)."},
+    ),
+    (
+        Pattern(r"unable to execute '[/\\]\S*(?:clang|gcc|g\+\+|cc)(?:-\d+)?'|error: command '/\S*(?:clang|gcc|g\+\+)'"
+                r" failed: No such file", "unable to execute '/", "error: command '/"),
+        "compiler", "the variable CC (or CXX), or the Python's own settings, name a compiler that is not there",
+        {"environment": {"CC": "", "CXX": ""}, "text": "Or install that compiler."},
+    ),
+    (
+        Pattern(r"opencv-python>=3\.(?=[\s;'\"]|$)", "opencv-python>=3."),
+        "gym", "gym 0.18 to 0.21 carry the requirement `opencv-python>=3.`, which newer installers refuse",
+        {"build_constraints": ["setuptools<66", "wheel<0.40"], "text": "Use pip<24.1 for it, or a newer gym."},
+    ),
+    (
+        Pattern(r"'?extras_require'? must be a dictionary", "extras_require"),
+        "setuptools", "setuptools 67 refuses the `extras_require` of gym 0.21 and its kin",
+        {"build_constraints": ["setuptools<66", "wheel<0.40"], "requirements": ["setuptools<66"]},
+    ),
+)  # fmt: skip
+
+
+def causes(line: str, scene: Scene) -> Causes:
+    """Yield the cause where a line tells of a build that failed."""
+    for pattern, subject, text, remedy in HINTS:
+        if pattern.search(line):
+            yield Cause(subject, text, remedy)
+            return
+    cause = _built(line, scene)
+    if cause is not None:
+        yield cause
+
+
+def _built(line: str, scene: Scene) -> Optional[Cause]:
+    match = BUILT.search(line)
+    if match is None or not ERROR_ONLY.search(line):
+        return None
+    package = canonical(match.group(1))
+    history = scene.load(package)
+    version = match.group(2) or scene.versions.get(package)
+    replaced = REPLACED.get(package)
+    if history is not None and scene.python:
+        cause = (
+            missing_releases.of_version(history, version, scene.python, built=True)
+            if version and is_version(version)
+            else missing_releases.of_any(history, scene.python)
+        )
+        if cause is not None:
+            return cause
+    name = "{} {}".format(package, version) if version else package
+    if replaced:
+        return Cause(package, "{} was built from source, and that failed; {}".format(name, replaced[0]), replaced[1])
+    if history is None:
+        return None
+    newest, pythons = missing_releases.last_with_wheels(history)
+    if newest is None or not pythons:
+        return None
+    text = "{} has no wheel for this Python, and its build failed; {} has wheels for Python {}".format(
+        name, newest, ", ".join(pythons)
+    )
+    return Cause(
+        package, text, {"requirements": ["{}=={}".format(package, newest)], "text": "Use one of these Pythons."}
+    )
