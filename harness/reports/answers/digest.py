@@ -119,7 +119,9 @@ def _cell(cell: CellEntry, lock: str | None, folder: Path) -> MeasuredCell:
 
 def _slim(case: CaseEntry) -> CaseEntry:
     """Return a case without its texts and pictures, which no answer shows: it is read at each call of a verb."""
-    return msgspec.structs.replace(case, reasons={}, masked={}, evidence={}, drawn={}, told=msgspec.UNSET)
+    # A Dockerfile needs the libraries of the way in which it was drawn.
+    drawn = {"api": case.drawn["api"]} if "api" in case.drawn else {}
+    return msgspec.structs.replace(case, reasons={}, masked={}, evidence={}, drawn=drawn, told=msgspec.UNSET)
 
 
 def describe_remedy(remedy: Mapping[str, Any]) -> str:

@@ -56,7 +56,7 @@ class Wanted:
 
     def fits(self, version: str | None) -> bool:
         """Return whether a version is allowed."""
-        return version is not None and self.versions.contains(version, prereleases=True)
+        return version is not None and (not self.versions or self.versions.contains(version, prereleases=True))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import msgspec
+from packaging.specifiers import SpecifierSet
 
 from harness.model import Verdict
 from harness.reports.answers import inferring, recommending, traps, weighing
@@ -45,9 +46,10 @@ class Recommended(msgspec.Struct, frozen=True, kw_only=True):
 
     `found` is the number of combinations that work, `measured` has the newest of them. Those in `doubtful` work, too,
     but a silent known issue fits them that no check has shown or refuted. `weighed` says why the first one is first. In
-    `partly` only some environments work. `apart` is set if the packages were never measured together. `unknown` are
-    packages without any measurement, `installed` releases that were only in locks and never run. `next` is a command
-    that would measure what was asked for.
+    `partly` only some environments work. `newer` work on other Pythons; `newer_unfit` says which release is not for the
+    Python asked for. `apart` is set if the packages were never measured together. `unknown` are packages without any
+    measurement, `installed` releases that were only in locks and never run. `next` is a command that would measure what
+    was asked for.
     """
 
     schema: int = 1
@@ -61,6 +63,7 @@ class Recommended(msgspec.Struct, frozen=True, kw_only=True):
     doubtful: tuple[Combination, ...]
     partly: tuple[Partly, ...]
     newer: tuple[Combination, ...]
+    newer_unfit: str = ""
     apart: Apart | None
     inferred: tuple[Inferred, ...]
     red: tuple[Red, ...]
@@ -80,6 +83,7 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
     # What anybody can install goes first, what has no lock last.
     combinations.sort(key=lambda one: (bool(one.source), bool(one.repaired or one.brought)))
     together = None if combinations else find_apart(every, query)
+    newer = _newer(cells, query, combinations)
     never_run = [name for name in query.names if not any(name in one.about for one in every if one.version(name))]
     return Recommended(
         asked=tuple(one.text for one in query.wanted),
@@ -91,7 +95,8 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
         measured=tuple(combinations[:limit]),
         doubtful=tuple(_doubtful(cells, query, combinations)[:limit]),
         partly=() if combinations else tuple(_partly(cells, query)[:limit]),
-        newer=tuple(_newer(cells, query, combinations)),
+        newer=tuple(newer),
+        newer_unfit=next(filter(None, (_unfit(one, query.python or "") for one in newer)), ""),
         apart=together,
         inferred=() if combinations else tuple(inferring.infer(cells, query)[:limit]),
         red=tuple(traps.find_traps(cells, query)),
@@ -150,6 +155,19 @@ def _newer(cells: Sequence[CellResult], query: Query, combinations: Sequence[Com
     whole = [one for one in seen if one.pins or one.cell.good]
     measured = any(tuple(one.version(name) for name in query.names) == tuple(best.versions.values()) for one in whole)
     return [] if measured else [best]
+
+
+def _unfit(combination: Combination, python: str) -> str:
+    """Return which release of a combination declares that it is not for a Python; empty if none does."""
+    from harness.standalone.explain.api_history import load_shipped  # noqa: PLC0415 - start-up
+
+    for name, version in combination.versions.items():
+        history = load_shipped(name)
+        releases = history.plain["releases"] if history else ()
+        wanted = next((each.get("python") for each in releases if each["version"] == version), None)
+        if wanted and not SpecifierSet(wanted).contains(f"{python}.99" if python.count(".") == 1 else python):
+            return f"{name} {version} requires Python {wanted}"
+    return ""
 
 
 def _nearby(cells: Sequence[CellResult], query: Query, limit: int) -> Nearby | None:

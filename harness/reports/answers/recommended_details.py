@@ -101,14 +101,14 @@ def _traps(answer: Recommended) -> Iterator[str]:
         yield ""
         yield "traps"
     for trap in answer.red:
-        yield from (f"  {line}" for line in _trap(trap))
+        yield from (f"  {line}" for line in _trap(trap, answer))
 
 
-def _trap(trap: Red) -> Iterator[str]:
+def _trap(trap: Red, answer: Recommended) -> Iterator[str]:
     yield text.describe_trap(trap)
     if trap.reason:
         yield f"  {trap.reason}{f' ({trap.link})' if trap.link else ''}"
-    yield from (f"  do: {do}" for do in [text.advice(trap)] if do)
+    yield from (f"  do: {do}" for do in [text.advice(trap, answer)] if do)
     yield from (f"  simmatrix known {name}" for name in trap.causes)
     yield from (f"  simmatrix show {cell}" for cell in trap.cells)
 

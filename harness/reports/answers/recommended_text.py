@@ -31,8 +31,10 @@ def lines(
 ) -> list[str]:
     """Return the short answer as wrapped lines: the command, why, and traps; with `whole` the rest follows."""
     reasons = [*_unknown(answer, names), *_why(answer, machines, tool)]
-    traps = list(_trap_blocks(answer, width))
-    more = count_rest(answer)
+    others = list(_other_blocks(answer, width))
+    selected = select_traps(answer)[: max(FEW - len(others), 0)]
+    traps = [*others, *(_trap_block(trap, answer, width) for trap in selected)]
+    more = count_rest(answer, len(selected))
     return [
         first_line(answer, tool),
         *(["why"] if reasons else []),
@@ -74,10 +76,10 @@ def unbroken(*words: str) -> str:
     return SPACE.join(words)
 
 
-def count_rest(answer: Recommended) -> str:
-    """Return in words what the short answer leaves out; empty if that is nothing."""
+def count_rest(answer: Recommended, shown: int) -> str:
+    """Return in words what the short answer leaves out, which shows so many traps; empty if that is nothing."""
     others = answer.found - 1 if answer.found else 0
-    causes = len(answer.red) - len(select_traps(answer)[:FEW])
+    causes = len(answer.red) - shown
     words = [
         format_count(others, "other combination") + " that work" + "s" * (others == 1) if others else "",
         format_count(causes, "more trap") if causes > 0 else "",
@@ -206,10 +208,15 @@ def select_traps(answer: Recommended) -> list[Red]:
     return selected
 
 
-def _trap_blocks(answer: Recommended, width: int) -> Iterator[list[str]]:
+def _other_blocks(answer: Recommended, width: int) -> Iterator[list[str]]:
+    """Yield what else one can run into: a newer combination of another Python, one in doubt, tasks that fail."""
     for combination in answer.newer:
         minor = install_commands.minor(combination)
         works = f"{versions_words(combination.versions)} works on Python {minor}"
+        if answer.newer_unfit:
+            opened = unbroken("simmatrix", "show", combination.cell)
+            yield _block(f"{works}; {answer.newer_unfit}", f"use Python {minor}", opened, width)
+            continue
         pins = [f"{name}=={version}" for name, version in combination.versions.items()]
         command = try_command(pins, answer.python).replace(" ", SPACE)
         yield _block(f"{works}, and was never measured as a whole on {answer.python}", "", command, width)
@@ -219,7 +226,6 @@ def _trap_blocks(answer: Recommended, width: int) -> Iterator[list[str]]:
             yield _block(f"{versions_words(combination.versions)}: {why}", "", opened, width)
     for part in [] if answer.apart else answer.partly[:1]:
         yield from _failing_tasks(part, width)
-    yield from (_block(describe_trap(trap), advice(trap), opener(trap), width) for trap in select_traps(answer))
 
 
 def _failing_tasks(part: Partly, width: int) -> Iterator[list[str]]:
@@ -229,12 +235,24 @@ def _failing_tasks(part: Partly, width: int) -> Iterator[list[str]]:
         yield _block(f"{how}: {name}: {why}", "", opened, width)
 
 
+def _trap_block(trap: Red, answer: Recommended, width: int) -> list[str]:
+    """Return a trap in a few rows; what is not known of it stands where it is not cut."""
+    do, opened = advice(trap, answer), opener(trap)
+    if _fits(do, opened, width):
+        return _block(describe_trap(trap), do, opened, width)
+    note = unknown_phases(trap)
+    return _block(describe_trap(trap, ""), shorten(do, width - len(f"    do: {note}")) + note, opened, width)
+
+
+def _fits(do: str, opened: str, width: int) -> bool:
+    return not do or len(f"    do: {do}; {opened}") <= width
+
+
 def _block(text: str, do: str, opened: str, width: int) -> list[str]:
     """Return a trap in a few rows: what fails, then what to do and the command that opens it, both shortened."""
     together = f"    {f'do: {do}; ' if do else ''}{opened}"
     # Where both do not fit, each has a row of its own, and the failure is cut to one.
-    fits = not do or len(together) <= width
-    actions = [together] if fits else ["    " + shorten(f"do: {do}", width - 4), f"    {opened}"]
+    actions = [together] if _fits(do, opened, width) else ["    " + shorten(f"do: {do}", width - 4), f"    {opened}"]
     rows = wrap_line(f"  {text}", width)
     most = ROWS - len(actions)
     if len(rows) > most:
@@ -248,7 +266,12 @@ def shorten(text: str, width: int) -> str:
     return textwrap.shorten(text, max(width, 10), placeholder=" ...")
 
 
-def describe_trap(trap: Red) -> str:
+def unknown_phases(trap: Red) -> str:
+    """Return in brackets the day of a row of a table, and that no later phase is known; empty for others."""
+    return f" ({trap.measured[:10]}, first failing phase only)" if trap.first_failure_only else ""
+
+
+def describe_trap(trap: Red, note: str | None = None) -> str:
     """Return what fails: versions, what decides, the tasks, and the line that says why."""
     more = f" and {len(trap.versions) - 1} more" if len(trap.versions) > 1 else ""
     named = trap.deciding or ({} if trap.elsewhere else trap.beside)
@@ -260,20 +283,21 @@ def describe_trap(trap: Red) -> str:
     tasks = first_few(trap.tasks, 2) if trap.phase not in {"resolve", "install"} else ""
     if tasks and trap.elsewhere and not trap.deciding:
         # These very versions work with other tasks.
-        what, how = f"{tasks} with {what}", "fails"
+        what, how = f"{tasks} with {what}", "fails" if len(trap.tasks) == 1 else "fail"
     elif tasks:
         how = f"{how} in {tasks}"
-    note = f" ({trap.measured[:10]}, first failing phase only)" if trap.first_failure_only else ""
+    note = unknown_phases(trap) if note is None else note
     return f"{what}: {how}{note}{f': {trap.line}' if trap.line else ''}"
 
 
-def advice(trap: Red) -> str:
+def advice(trap: Red, answer: Recommended) -> str:
     """Return what to do about a trap; empty if nothing is known to help."""
     change = ", ".join(f"{name} {value}" for name, value in trap.instead.items())
     if trap.remedy:
         python = "use " if trap.remedy.startswith("Python") else ""
         return python + (trap.remedy if python else trap.remedy[0].lower() + trap.remedy[1:])
-    return f"take {change}" if change else "" if trap.elsewhere else "take the versions above"
+    # The answer itself is what works, where something does.
+    return f"take {change}" if change else "take the versions above" if answer.measured and not trap.elsewhere else ""
 
 
 def opener(trap: Red) -> str:

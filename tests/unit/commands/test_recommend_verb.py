@@ -160,8 +160,8 @@ def test_the_answer_fits_a_terminal(
     assert reasons or traps
 
 
-def test_what_was_weighed_is_told(capsys: pytest.CaptureFixture[str]) -> None:
-    """How many combinations work, the tasks, and how each release behaves against the one before it."""
+def test_the_weighing_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    """The number that work, the tasks, and how each release behaves against the one before it."""
     _, document = recommend(capsys, "gymnasium", "mujoco", "--python", "3.12")
     report = json.loads((REPORTS / "drift-mujoco" / "report.json").read_text())
     cells = {cell["id"]: cell for cell in report["cells"]}
@@ -195,7 +195,7 @@ def test_a_combination_of_a_table_is_marked(capsys: pytest.CaptureFixture[str], 
     assert not (fresh / "lock.txt").exists()
 
 
-def test_what_has_a_lock_goes_first(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_lock_goes_first(capsys: pytest.CaptureFixture[str]) -> None:
     """A newer release whose lock was not kept is named, and does not go first."""
     _, document = recommend(capsys, "minigrid")
 
@@ -291,7 +291,7 @@ def test_a_file_is_all_of_stdout(capsys: pytest.CaptureFixture[str], name: str, 
 
 
 def test_no_file_without_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
-    """Where nothing works stdout stays empty: the answer in words goes to stderr."""
+    """Stdout stays empty if nothing works: the answer in words goes to stderr."""
     assert main(["recommend", "robosuite", "torch", "--format", "conda"]) == 1
 
     said = capsys.readouterr()

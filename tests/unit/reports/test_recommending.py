@@ -400,7 +400,7 @@ def test_the_install_command_keeps_extras_and_numpy(world: World) -> None:
 
 
 def test_cells_of_one_lock_are_one_measurement(world: World) -> None:
-    """What cells of different matrices ran in one environment was run together: the union is an answer."""
+    """Cells of different matrices that ran in one environment ran together: the union is an answer."""
     pins = {"aa": "1.0", "bb": "2.0", "cc": "3.0"}
     one = world.add("3.11", pins, axes={"python": "3.11"}, cases=[case("a", exercised=["aa", "bb"])])
     other = world.add(
