@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from harness.model.errors import BadInput, HarnessError
-from harness.reports.answers import explain_index
+from harness.reports.explanations import explain_index
 from harness.standalone.explain import explain
 from harness.standalone.explain.explain import HELP, split
 from harness.standalone.explain.explanation_text import Place

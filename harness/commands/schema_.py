@@ -28,7 +28,7 @@ DOCUMENTS = {
     "init": ("`init --json`", "commands.init", "Started"),
     "bisect": ("`bisect.json`, and `--json` of bisect", "rootcause.bisection.certificates", "BisectDocument"),
     "doctor": ("`doctor --json`", "commands.doctor", "Doctored"),
-    "explain": ("`explain --json`", "reports.answers.explained", "Explained"),
+    "explain": ("`explain --json`", "reports.explanations.explained", "Explained"),
     "compare": ("`compare --json`", "commands.compare", "ComparedCells"),
     "freeze": ("`freeze --check --json`", "commands.freeze", "BehaviourCheck"),
     "recommend": ("`recommend --json`", "reports.answers.recommended", "Recommended"),

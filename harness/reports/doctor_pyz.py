@@ -14,7 +14,8 @@ from pathlib import Path
 from harness.machine import store
 from harness.matrix.signatures import Signature
 from harness.model.measured import Measured
-from harness.reports.answers import digest, explain_index, result_index
+from harness.reports.answers import digest, result_index
+from harness.reports.explanations import explain_index
 from harness.running import open_matrix
 from harness.running.signatures import shipped_signatures
 from harness.standalone import adapters

@@ -2,7 +2,6 @@
 
 __all__ = [
     "digest",
-    "explain_index",
     "measured_cells",
     "misspelt",
     "recommended",

@@ -10,7 +10,8 @@ from builders import measured_cell
 
 from harness.model.errors import BadInput
 from harness.model.measured import Measured
-from harness.reports.answers import explain_index, result_index
+from harness.reports.answers import result_index
+from harness.reports.explanations import explain_index
 from harness.running.signatures import shipped_signatures
 from harness.standalone.failures import literals
 
