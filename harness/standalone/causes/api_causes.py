@@ -35,7 +35,7 @@ SHORTEST = 5
 
 STANDARD = {
     "distutils": ("setuptools", "Python 3.12 removed `distutils`; setuptools brings a copy of it"),
-    "pkg_resources": ("setuptools<81", "`pkg_resources` is part of setuptools, which new environments lack"),
+    "pkg_resources": ("setuptools<82", "`pkg_resources` is part of setuptools before 82, and new environments lack it"),
     "setuptools": ("setuptools", "setuptools is not installed: environments of Python 3.12 and newer lack it"),
     "imp": ("", "Python 3.12 removed the module `imp`"),
     "asynchat": ("", "Python 3.12 removed the module `asynchat`"),

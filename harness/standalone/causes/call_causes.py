@@ -26,6 +26,9 @@ UNPACK = Pattern(r"(not enough|too many) values to unpack \(expected (\d)(?:, go
 ALIKE = 2
 """Packages that may be named for one call."""
 
+RARE = 10
+"""Letters of a function's name that few packages have: `reset` and `render` are in every environment."""
+
 SUBCLASSED = frozenset({"gym", "gymnasium"})
 """Packages whose classes everybody derives from: of many that differ in a call, these are the likely ones."""
 
@@ -92,8 +95,10 @@ def _calls(line: str) -> Iterator[Call]:
 
 def _fitting(call: Call, scene: Scene) -> Iterator[Tuple[History, Availability]]:
     """Yield the packages whose releases differ in whether a function may be called so."""
-    if "." not in call.function and (not call.word or not (scene.is_pasted or scene.modules) or scene.is_own):
-        return
+    if "." not in call.function:
+        common = call.function != "__init__" and len(call.function) < RARE
+        if not call.word or common or not (scene.is_pasted or scene.modules) or scene.is_own:
+            return
     kinds = ("parameters", "members") if call.names else ("parameters",)
     for history in (each for kind in kinds for each in spoken_of(scene, call.function, kind, call.word)):
         if scene.is_pasted and "." not in call.function and not _tied(call.word, scene, history):

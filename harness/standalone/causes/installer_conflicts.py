@@ -17,6 +17,11 @@ INCOMPATIBLE = Pattern(
     r" (?:\3|{0}) (\S+) which is incompatible".format(PACKAGE, BOUND),
     "which is incompatible",
 )
+CHECKED = Pattern(
+    r"({0})(?:\[[\w,-]*\])?{1} is required .*?but found ({0})==(\d\S*)".format(PACKAGE, BOUND), "but found "
+)
+"""What a library says that checks its requirements itself."""
+
 UNINSTALLED = Pattern(
     r"({0}) (\d\S*) requires ({0})(?:\[[\w,-]*\])?\s?{1}?, which is not installed".format(PACKAGE, BOUND),
     "which is not installed",
@@ -54,6 +59,10 @@ COMMAND = Pattern(
     r"(?:[<>=!~]=?[\w.,<>=]+)?)".format(PACKAGE),
     "pip install ", "pip3 install ", "uv add ",
 )  # fmt: skip
+REQUIRED = Pattern(
+    r"^\W*(?:\w+(?:Error|NotInstalled): )?[`'\"]({0})[`'\"] is required but (?:is )?not installed".format(PACKAGE),
+    "not installed",
+)
 ABSENT = Pattern(
     r"^\W*(?:\w+(?:Error|NotInstalled): )?([A-Za-z]\w+) (?:is )?not (?:found|installed)\b", "not found", "not installed"
 )
@@ -68,7 +77,7 @@ NEEDED = Pattern(r"nothing provides (\S+)(?: (\S+))? needed by ([\w.-]+?)-(\d[\w
 
 def causes(line: str, scene: Scene) -> Causes:
     """Yield the cause where a line tells of two requirements that do not fit."""
-    for rule in (_incompatible, _absent, _none, _depends, _unsatisfied):
+    for rule in (_incompatible, _checked, _absent, _none, _depends, _unsatisfied):
         cause = rule(line, scene)
         if cause is not None:
             yield cause
@@ -109,6 +118,16 @@ def _parsed(text: str) -> Optional[Requirement]:
     except ValueError:
         return None
     return wanted if wanted.marker is None or "extra" not in str(wanted.marker) else None
+
+
+def _checked(line: str, scene: Scene) -> Optional[Cause]:
+    match = CHECKED.search(line)
+    if match is None or canonical(match.group(1)) != canonical(match.group(3)):
+        return None
+    package, bound, _, there = match.groups()
+    asking = scene.modules[0] if scene.modules else "a library"
+    text = "{} requires {}{}, but {} is installed".format(asking, package, bound.strip(), there.rstrip(".,"))
+    return Cause(canonical(package), text, requirement_remedy(package + _bare(bound)))
 
 
 def _absent(line: str, scene: Scene) -> Optional[Cause]:
@@ -204,7 +223,7 @@ def refusals(line: str, scene: Scene) -> Causes:
         if name not in {"pip", "install", "the", "it", "e"}:
             yield Cause(name, "an optional package is missing, and the message names it", {"requirements": [wanted]})
     else:
-        absent, metadata = ABSENT.search(line), METADATA.search(line)
+        absent, metadata = ABSENT.search(line), METADATA.search(line) or REQUIRED.search(line)
         name = canonical(metadata.group(1)) if metadata else package_with(absent.group(1)) if absent else None
         if name:
             yield Cause(name, "the package {} is not installed for this Python".format(name), {"requirements": [name]})

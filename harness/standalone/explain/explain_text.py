@@ -131,6 +131,8 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
     if failure.failed or (failure.text.count("\n") < QUOTED and not is_mention(failure.text)):
         derived = derive(failure, text_hints, here.installed, here.python, here.history)
         hits = with_derived(hits, derived, failure)
+    if hits and all(hit.generic for hit in hits):
+        hits = (*_applicable(find_hits(could, failure, killed)[0], failure.text), *hits)
     mentions = (MENTION.format(hit.seen, hit.signature.id) for hit in aside[:SHOWN])
     findings: List[Tuple[str, str, str]] = [("besides", NOTE, mention) for mention in mentions]
     if _deepest(hits) is None:
@@ -198,6 +200,15 @@ def _of_python(signature: matching.Signature, python: Optional[str]) -> bool:
     if python.count(".") > 1:
         return specifiers(signature.python).admits(python)
     return not unsatisfiable([specifiers(signature.python), specifiers("=={}.*".format(python))])
+
+
+def _applicable(possible: Sequence[Diagnosis], text: str) -> List[Diagnosis]:
+    """Return the only possible cause whose packages the text names and that a machine can undo; none of several."""
+    steps = ("requirements", "environment")
+    remedies = [(hit, hit.signature.plain.get("remedy", {})) for hit in possible if not hit.masks]
+    likely = [hit for hit, remedy in remedies if any(remedy.get(step) for step in steps)]
+    spoken = [hit for hit in likely if hit.signature.packages and _mentions_packages(hit.signature, text)]
+    return spoken if len(spoken) == 1 else []
 
 
 def _mentions_packages(signature: matching.Signature, text: str) -> bool:
