@@ -1,0 +1,70 @@
+"""Make the table of import names: which package brings a module, by the files of its releases."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+import msgspec
+
+from harness.history.package_plan import Plan
+from harness.standalone.explain import api_history
+
+FILE = api_history.IMPORTS
+
+
+class ImportTable(msgspec.Struct, frozen=True, kw_only=True):
+    """The package of each import name; `searched` are those of the plan."""
+
+    imports: dict[str, str]
+    searched: tuple[str, ...]
+
+
+def encode(plan: Plan, histories: Path, others: Mapping[str, Iterable[str]]) -> bytes:
+    """Return the file of the table, from the histories in a folder and the modules of other packages.
+
+    Of several packages with one name, the first of the plan has it.
+    """
+    imports: dict[str, str] = {}
+    for package in plan.packages:
+        file = histories / f"{package}.json.gz"
+        history = api_history.decode(file.read_bytes()) if file.is_file() else None
+        if history is not None:
+            _add(imports, package, {name: max(last for _, last in spans) for name, spans in _modules(history)})
+    for package, modules in others.items():
+        _add(imports, package, dict.fromkeys(modules, 0))
+    table = ImportTable(imports=imports, searched=plan.searched)
+    return gzip.compress(msgspec.json.encode(table, order="sorted"), mtime=0)
+
+
+def _modules(history: api_history.History) -> Iterable[tuple[str, list[list[int]]]]:
+    modules: dict[str, list[list[int]]] = history.plain.get("modules", {})
+    return modules.items()
+
+
+def _add(imports: dict[str, str], package: str, modules: Mapping[str, int]) -> None:
+    for name in import_names(modules):
+        imports.setdefault(name, package)
+
+
+def import_names(modules: Mapping[str, int]) -> Iterator[str]:
+    """Yield the names that a package brings, from its modules and the last release that has each.
+
+    They are its top-level modules; of a namespace, which others fill as well, those in it.
+    """
+    newest: dict[str, int] = {}
+    below: dict[str, set[str]] = {}
+    for module, last in modules.items():
+        parts = module.split(".")
+        for length in range(1, len(parts) + 1):
+            name = ".".join(parts[:length])
+            newest[name] = max(newest.get(name, 0), last)
+            below.setdefault(".".join(parts[: length - 1]), set()).add(name)
+    waiting = sorted(below.get("", ()))
+    while waiting:
+        name = waiting.pop(0)
+        if name in modules and modules[name] == newest[name]:
+            yield name
+        else:
+            waiting += sorted(below.get(name, ()))

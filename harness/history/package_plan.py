@@ -1,0 +1,138 @@
+"""Say what is read of a package: which of its releases, which file of each, and which Python imports it."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from packaging.specifiers import InvalidSpecifier, SpecifierSet
+from packaging.version import Version
+
+from harness.machine import interpreters
+from harness.model import Artifact, Interpreter
+from harness.packages import index
+
+FIRST_PYTHON = Version("3.7")
+"""The first Python of a harness's environments."""
+
+
+PARTS = {"major": 1, "minor": 2}
+
+
+class PackagePlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is read of a package.
+
+    `each` is "release" for every release, "minor" or "major" for the first and the last of each such version. `imports`
+    are the top-level modules, empty where the files tell; `run` those to import. With `big` only the names of files and
+    the metadata are read; by default this depends on the size of the newest wheel. `sdists` is False where a source
+    does not have the names that its wheel has. `without` are modules that are not read.
+    """
+
+    each: str = "release"
+    imports: tuple[str, ...] = ()
+    run: tuple[str, ...] = ()
+    big: bool | None = None
+    sdists: bool = True
+    without: tuple[str, ...] = ()
+
+
+class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """All packages to read. `helpers` are installed beside what is imported.
+
+    `searched` are the packages whose names are looked for where a line names no package. Of `imports_alone` only the
+    newest release is read, for its import names.
+    """
+
+    helpers: tuple[str, ...]
+    searched: tuple[str, ...] = ()
+    imports_alone: tuple[str, ...] = ()
+    packages: dict[str, PackagePlan]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class ChosenFile:
+    """The file to read of a release, and a Python of this machine that may import it."""
+
+    artifact: Artifact
+    python: Interpreter | None
+
+
+def load(file: Path) -> Plan:
+    """Return the plan in a file."""
+    plain: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
+    return msgspec.convert(plain, Plan)
+
+
+def choose(
+    package: PackagePlan, releases: Sequence[index.Release], files: Mapping[str, Sequence[Artifact]]
+) -> dict[str, ChosenFile]:
+    """Return the file to read of each release that is read, by version."""
+    chosen = {}
+    for release in releases:
+        file = None if Version(release.version).is_prerelease else _file(package, release, files)
+        if file is not None:
+            chosen[release.version] = file
+    if package.each == "release":
+        return chosen
+    kept = first_and_last(
+        [release.version for release in releases if release.version in chosen and not release.yanked],
+        parts=PARTS[package.each],
+    )
+    return {version: chosen[version] for version in kept}
+
+
+def first_and_last(versions: Iterable[str], parts: int) -> list[str]:
+    """Return of ordered versions the first and the last of those that have their first parts in common."""
+    groups: dict[tuple[int, ...], list[str]] = {}
+    for version in versions:
+        release = (*Version(version).release, 0, 0)
+        groups.setdefault((Version(version).epoch, *release[:parts]), []).append(version)
+    return [version for some in groups.values() for version in dict.fromkeys((some[0], some[-1]))]
+
+
+def _file(package: PackagePlan, release: index.Release, files: Mapping[str, Sequence[Artifact]]) -> ChosenFile | None:
+    """Return the file to read: a wheel rather than an sdist, and the one for the newest Python."""
+    some = files.get(release.version, ())
+    pythons = [item for item in interpreters.available() if _admits(release.requires_python, item.version)]
+    for python in sorted(pythons, key=lambda item: Version(item.version), reverse=True):
+        for artifact in some:
+            if artifact.is_wheel and _fits(artifact.filename, Version(python.version)):
+                return ChosenFile(artifact=artifact, python=python)
+    if not package.run:
+        for artifact in some:
+            if artifact.is_wheel and re.search(r"-(any|[^-]*linux[^-]*_x86_64)\.whl$", artifact.filename):
+                return ChosenFile(artifact=artifact, python=None)
+    sources = [item for item in some if not item.is_wheel and item.filename.endswith((".tar.gz", ".zip"))]
+    if sources and package.sdists:
+        return ChosenFile(artifact=sources[0], python=_near(pythons, release.uploaded))
+    return None
+
+
+def _fits(wheel: str, python: Version) -> bool:
+    """Return whether a Python of this machine can import from a wheel, if it runs on 64-bit Linux."""
+    if not re.search(r"-(any|[^-]*linux[^-]*_x86_64)\.whl$", wheel):
+        return False
+    stable = re.search(r"-cp3(\d+)-abi3-", wheel)
+    if stable:
+        return int(stable.group(1)) <= python.minor
+    return re.search(rf"-(py3|py2\.py3|py3\d|cp{python.major}{python.minor})-", wheel) is not None
+
+
+def _near(pythons: Sequence[Interpreter], uploaded: str | None) -> Interpreter | None:
+    """Return the Python that most of its time used, for a source that does not say: the oldest before 2022."""
+    ordered = sorted(pythons, key=lambda item: Version(item.version))
+    if not ordered:
+        return None
+    return ordered[0] if (uploaded or "") < "2022" else ordered[len(ordered) // 2]
+
+
+def _admits(requires: str | None, version: str) -> bool:
+    try:
+        return Version(version) >= FIRST_PYTHON and SpecifierSet(requires or "").contains(version)
+    except InvalidSpecifier:
+        return True
