@@ -103,12 +103,23 @@ HEAD = frozenset({"form", "package", "releases", "ran"})
 
 def encode(history: ApiHistory) -> bytes:
     """Return the file of a history: two lines, compressed one by one; the same bytes for the same history."""
-    plain = {"form": FORM, **msgspec.to_builtins(history)}
+    plain = {"form": FORM, "ran": (), **msgspec.to_builtins(history)}
     lines = (
         {key: value for key, value in plain.items() if key in HEAD},
         {key: value for key, value in plain.items() if key not in HEAD},
     )
     return b"".join(gzip.compress(msgspec.json.encode(line, order="sorted") + b"\n", mtime=0) for line in lines)
+
+
+def decode(content: bytes) -> ApiHistory:
+    """Return the history in a file. Raises ValueError if it has another form."""
+    plain: dict[str, object] = {}
+    for line in gzip.decompress(content).splitlines():
+        plain |= msgspec.json.decode(line)
+    if plain["form"] != FORM:
+        message = f"form {plain['form']} instead of {FORM}: make it again"
+        raise ValueError(message)
+    return msgspec.convert(plain, ApiHistory)
 
 
 def _facts(release: MeasuredRelease) -> ReleaseFacts:

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import msgspec
 
+from harness.history import api_history
 from harness.history.package_plan import Plan
-from harness.standalone.explain import api_history
 
-FILE = api_history.IMPORTS
+FILE = "imports.json.gz"
 
 
 class ImportTable(msgspec.Struct, frozen=True, kw_only=True):
@@ -29,18 +29,13 @@ def encode(plan: Plan, histories: Path, others: Mapping[str, Iterable[str]]) -> 
     imports: dict[str, str] = {}
     for package in plan.packages:
         file = histories / f"{package}.json.gz"
-        history = api_history.decode(file.read_bytes()) if file.is_file() else None
-        if history is not None:
-            _add(imports, package, {name: max(last for _, last in spans) for name, spans in _modules(history)})
-    for package, modules in others.items():
-        _add(imports, package, dict.fromkeys(modules, 0))
+        if file.is_file():
+            modules = api_history.decode(file.read_bytes()).modules
+            _add(imports, package, {name: max(last for _, last in spans) for name, spans in modules.items()})
+    for package, names in others.items():
+        _add(imports, package, dict.fromkeys(names, 0))
     table = ImportTable(imports=imports, searched=plan.searched)
     return gzip.compress(msgspec.json.encode(table, order="sorted"), mtime=0)
-
-
-def _modules(history: api_history.History) -> Iterable[tuple[str, list[list[int]]]]:
-    modules: dict[str, list[list[int]]] = history.plain.get("modules", {})
-    return modules.items()
 
 
 def _add(imports: dict[str, str], package: str, modules: Mapping[str, int]) -> None:

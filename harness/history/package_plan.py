@@ -25,7 +25,7 @@ PARTS = {"major": 1, "minor": 2}
 
 
 class PackagePlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is read of a package.
+    """The releases of a package that are read, and what is read of them.
 
     `each` is "release" for every release, "minor" or "major" for the first and the last of each such version. `imports`
     are the top-level modules, empty where the files tell; `run` those to import. With `big` only the names of files and
@@ -79,11 +79,11 @@ def choose(
             chosen[release.version] = file
     if package.each == "release":
         return chosen
-    kept = first_and_last(
+    wanted = first_and_last(
         [release.version for release in releases if release.version in chosen and not release.yanked],
         parts=PARTS[package.each],
     )
-    return {version: chosen[version] for version in kept}
+    return {version: chosen[version] for version in wanted}
 
 
 def first_and_last(versions: Iterable[str], parts: int) -> list[str]:

@@ -104,21 +104,22 @@ class History:
         run = _last_run(having, considered) if here is None or too_new else _first_run(later, having, considered)
         first, last = run
         after = next((place for place in considered if place > last), None)
-        bound = (
-            "{}<{}".format(self.package, self.versions[after])
-            if too_new and after is not None
-            else "{}>={}".format(self.package, self.versions[first])
-        )
-        if not too_new and after is not None:
-            bound += ",<{}".format(self.versions[after])
+        bounds = [] if too_new and after is not None else [">={}".format(self.versions[first])]
+        if after is not None:
+            bounds.append(self._upper_bound(last, after))
         return Availability(
             package=self.package,
             first=self.versions[first] if first != considered[0] else None,
             last=self.versions[last] if after is not None else None,
             after=self.versions[after] if after is not None else None,
             too_new=too_new,
-            bound=bound,
+            bound=self.package + ",".join(bounds),
         )
+
+    def _upper_bound(self, last: int, after: int) -> str:
+        """Return the bound below which a name is surely there: nobody knows of releases between that were not read."""
+        between = [version for version in self.versions[last + 1 : after] if not parsed(version).is_prerelease]
+        return "<={}".format(self.versions[last]) if between else "<{}".format(self.versions[after])
 
     def _uploaded(self, place: int) -> str:
         return str(self.plain["releases"][place].get("uploaded") or "")

@@ -1,0 +1,37 @@
+"""The table of import names: made from modules of releases, asked by dotted names."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+
+from harness.history import import_table
+from harness.history.api_history import MeasuredRelease, ReleaseEntry, encode, fold
+from harness.history.import_table import import_names
+from harness.history.package_plan import PackagePlan, Plan
+from harness.history.release_reader import ReleaseFacts
+
+
+def test_a_package_has_its_top_level_modules() -> None:
+    """One that only older releases have is among them."""
+    assert [*import_names({"toy": 3, "toy.core": 3, "old": 1})] == ["old", "toy"]
+
+
+def test_a_namespace_has_the_packages_in_it() -> None:
+    """Other packages fill it, too; that an older release had a file of its own there does not matter."""
+    assert [*import_names({"google": 1, "google.protobuf": 4, "google.protobuf.json_format": 4})] == ["google.protobuf"]
+    assert [*import_names({"mujoco.mjx": 0, "mujoco.mjx.io": 0})] == ["mujoco.mjx"]
+
+
+def test_the_first_package_of_the_plan_has_a_name_that_several_bring(tmp_path: Path) -> None:
+    """A package without a history has what is left."""
+    for package in ("box2d", "box2d-py"):
+        facts = ReleaseFacts(modules=("Box2D",))
+        release = MeasuredRelease(entry=ReleaseEntry(version="1.0", read=True), facts=facts)
+        (tmp_path / f"{package}.json.gz").write_bytes(encode(fold(package, [release])))
+    packages = {"box2d": PackagePlan(), "box2d-py": PackagePlan(), "never-read": PackagePlan()}
+    plan = Plan(helpers=(), searched=("box2d",), packages=packages)
+    content = import_table.encode(plan, tmp_path, {"pyyaml": ["yaml", "yaml.nodes"], "other": ["Box2D"]})
+    table = json.loads(gzip.decompress(content))
+    assert table == {"imports": {"Box2D": "box2d", "yaml": "pyyaml"}, "searched": ["box2d"]}
