@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gzip
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import msgspec
@@ -21,26 +21,20 @@ class ImportTable(msgspec.Struct, frozen=True, kw_only=True):
     searched: tuple[str, ...]
 
 
-def encode(plan: Plan, histories: Path, others: Mapping[str, Iterable[str]]) -> bytes:
-    """Return the file of the table, from the histories in a folder and the modules of other packages.
+def encode(plan: Plan, histories: Path) -> bytes:
+    """Return the file of the table, from the histories in a folder.
 
     Of several packages with one name, the first of the plan has it.
     """
     imports: dict[str, str] = {}
-    for package in plan.packages:
+    for package in plan.all_packages():
         file = histories / f"{package}.json.gz"
         if file.is_file():
             modules = api_history.decode(file.read_bytes()).modules
-            _add(imports, package, {name: max(last for _, last in spans) for name, spans in modules.items()})
-    for package, names in others.items():
-        _add(imports, package, dict.fromkeys(names, 0))
+            for name in import_names({name: max(last for _, last in spans) for name, spans in modules.items()}):
+                imports.setdefault(name, package)
     table = ImportTable(imports=imports, searched=plan.searched)
     return gzip.compress(msgspec.json.encode(table, order="sorted"), mtime=0)
-
-
-def _add(imports: dict[str, str], package: str, modules: Mapping[str, int]) -> None:
-    for name in import_names(modules):
-        imports.setdefault(name, package)
 
 
 def import_names(modules: Mapping[str, int]) -> Iterator[str]:

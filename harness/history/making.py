@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from harness.history import (
     release_runner,
 )
 from harness.history.api_history import MeasuredRelease, ReleaseEntry, encode, fold
-from harness.history.package_plan import ChosenFile, PackagePlan, Plan
+from harness.history.package_plan import ChosenFile, PackagePlan
 from harness.history.release_reader import ReleaseFacts
 from harness.machine.store import cache_folder, digest, write_atomic
 from harness.model import Artifact
@@ -59,22 +59,24 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("names", nargs="*", metavar="NAME", help="the packages [all of them]")
     args = parser.parse_args(arguments)
     plan = package_plan.load(PLAN)
-    for name in args.names or plan.packages:
-        reader = _Reader(name, plan)
+    packages = plan.all_packages()
+    if unknown := {*args.names} - {*packages}:
+        parser.error(f"{PLAN.name} has no {', '.join(sorted(unknown))}")
+    for name in args.names or packages:
+        reader = _Reader(name, packages[name], plan.helpers)
         history = encode(fold(name, _without_placeholders([*reader.releases()])))
         write_atomic(OUT / f"{name}.json.gz", history)
         print(f"{name}: {len(history):,} bytes, read from {reader.downloaded:,}", flush=True)
-    others = {name: _Reader(name, plan).newest_modules() for name in plan.imports_alone}
-    write_atomic(OUT / import_table.FILE, import_table.encode(plan, OUT, others))
+    write_atomic(OUT / import_table.FILE, import_table.encode(plan, OUT))
 
 
 class _Reader:
     """Reads the releases of one package, and counts the bytes."""
 
-    def __init__(self, name: str, plan: Plan) -> None:
+    def __init__(self, name: str, package: PackagePlan, helpers: Sequence[str]) -> None:
         self.name = name
-        self.package = plan.packages.get(name, PackagePlan(each="minor", big=True))
-        self.helpers = plan.helpers
+        self.package = package
+        self.helpers = helpers
         self.downloaded = 0
 
     def releases(self) -> Iterator[MeasuredRelease]:
@@ -94,16 +96,6 @@ class _Reader:
             file = chosen.get(release.version)
             document = self._document(release.version, file, big=big) if file else None
             yield _measured(self.package, entry, document)
-
-    def newest_modules(self) -> tuple[str, ...]:
-        """Return the modules of the newest release, by the names of its files."""
-        releases, files = index.releases(self.name), index.artifacts(self.name)
-        chosen = package_plan.choose(self.package, releases, files)
-        if not chosen:
-            return ()
-        version, file = [*chosen.items()][-1]
-        document = self._document(version, file, big=True)
-        return document.facts.modules if document else ()
 
     def _is_big(self, chosen: dict[str, ChosenFile]) -> bool:
         """Return whether only names of files are read: of all releases, so that none seems to lack a name."""

@@ -27,7 +27,8 @@ PARTS = {"major": 1, "minor": 2}
 class PackagePlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The releases of a package that are read, and what is read of them.
 
-    `each` is "release" for every release, "minor" or "major" for the first and the last of each such version. `imports`
+    `each` is "release" for every release, "minor" or "major" for the first and the last of each such version, "newest"
+    for the newest one. `imports`
     are the top-level modules, empty where the files tell; `run` those to import. With `big` only the names of files and
     the metadata are read; by default this depends on the size of the newest wheel. `sdists` is False where a source
     does not have the names that its wheel has. `without` are modules that are not read.
@@ -41,17 +42,24 @@ class PackagePlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     without: tuple[str, ...] = ()
 
 
+LISTED = PackagePlan(each="newest", big=True)
+
+
 class Plan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """All packages to read. `helpers` are installed beside what is imported.
 
-    `searched` are the packages whose names are looked for where a line names no package. Of `imports_alone` only the
-    newest release is read, for its import names.
+    `searched` are the packages whose names are looked for where a line names no package. Of the `listed` packages all
+    releases are listed, and the files of the newest one tell the import names.
     """
 
     helpers: tuple[str, ...]
     searched: tuple[str, ...] = ()
-    imports_alone: tuple[str, ...] = ()
+    listed: tuple[str, ...] = ()
     packages: dict[str, PackagePlan]
+
+    def all_packages(self) -> dict[str, PackagePlan]:
+        """Return all packages, in the order in which they have names that several bring."""
+        return {**self.packages, **dict.fromkeys(self.listed, LISTED)}
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -79,10 +87,8 @@ def choose(
             chosen[release.version] = file
     if package.each == "release":
         return chosen
-    wanted = first_and_last(
-        [release.version for release in releases if release.version in chosen and not release.yanked],
-        parts=PARTS[package.each],
-    )
+    versions = [release.version for release in releases if release.version in chosen and not release.yanked]
+    wanted = versions[-1:] if package.each == "newest" else first_and_last(versions, parts=PARTS[package.each])
     return {version: chosen[version] for version in wanted}
 
 

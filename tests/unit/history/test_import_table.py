@@ -25,13 +25,11 @@ def test_a_namespace_has_the_packages_in_it() -> None:
 
 
 def test_the_first_package_of_the_plan_has_a_name_that_several_bring(tmp_path: Path) -> None:
-    """A package without a history has what is left."""
-    for package in ("box2d", "box2d-py"):
-        facts = ReleaseFacts(modules=("Box2D",))
-        release = MeasuredRelease(entry=ReleaseEntry(version="1.0", read=True), facts=facts)
+    """A package without a history has none; those that are only listed come last."""
+    for package, modules in {"box2d": ("Box2D",), "box2d-py": ("Box2D",), "pyyaml": ("Box2D", "yaml")}.items():
+        release = MeasuredRelease(entry=ReleaseEntry(version="1.0", read=True), facts=ReleaseFacts(modules=modules))
         (tmp_path / f"{package}.json.gz").write_bytes(encode(fold(package, [release])))
     packages = {"box2d": PackagePlan(), "box2d-py": PackagePlan(), "never-read": PackagePlan()}
-    plan = Plan(helpers=(), searched=("box2d",), packages=packages)
-    content = import_table.encode(plan, tmp_path, {"pyyaml": ["yaml", "yaml.nodes"], "other": ["Box2D"]})
-    table = json.loads(gzip.decompress(content))
+    plan = Plan(helpers=(), searched=("box2d",), listed=("pyyaml",), packages=packages)
+    table = json.loads(gzip.decompress(import_table.encode(plan, tmp_path)))
     assert table == {"imports": {"Box2D": "box2d", "yaml": "pyyaml"}, "searched": ["box2d"]}

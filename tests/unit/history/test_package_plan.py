@@ -23,5 +23,5 @@ def test_the_plan_of_the_histories_can_be_read() -> None:
     """Each package has its way of reading, and those that are searched are among them."""
     plan = package_plan.load(making.PLAN)
     assert {*plan.searched} <= {*plan.packages}
-    assert {package.each for package in plan.packages.values()} <= {"release", *package_plan.PARTS}
-    assert not {*plan.imports_alone} & {*plan.packages}
+    assert {package.each for package in plan.all_packages().values()} <= {"newest", "release", *package_plan.PARTS}
+    assert not {*plan.listed} & {*plan.packages}
