@@ -178,6 +178,14 @@ def _tag(wheel: str) -> str:
     return "-".join(wheel.removesuffix(".whl").rsplit("-", 3)[1:])
 
 
+def _without_copies(members: dict[str, list[str]]) -> dict[str, tuple[str, ...]]:
+    """Return the members of classes; of one that several modules hand on, by its shortest path."""
+    paths: dict[tuple[str, ...], str] = {}
+    for path in sorted(members, key=lambda path: (-path.count("."), path)):
+        paths[path.rpartition(".")[2], *members[path]] = path
+    return {path: tuple(members[path]) for path in sorted(paths.values())}
+
+
 def _hides_names(package: PackagePlan, facts: ReleaseFacts, answers: dict[str, Any]) -> bool:
     """Return whether a release would seem to lack names, as its machine code could not be imported."""
     return bool(facts.natives and package.run and package.run[0] not in answers.get("names", ()))
@@ -190,7 +198,7 @@ def _measured(package: PackagePlan, entry: ReleaseEntry, document: ReleaseDocume
     ran = None
     if answers.get("names"):
         names = {name: tuple(item) for name, item in answers["names"].items()}
-        members = {name: tuple(item) for name, item in answers["members"].items()}
+        members = _without_copies(answers["members"])
         ran = ReleaseFacts(names=names, members=members)
     environments, schema = answers.get("environments"), answers.get("schema")
     return MeasuredRelease(

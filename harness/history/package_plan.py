@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -102,39 +102,48 @@ def first_and_last(versions: Iterable[str], parts: int) -> list[str]:
 
 
 def _file(package: PackagePlan, release: index.Release, files: Mapping[str, Sequence[Artifact]]) -> ChosenFile | None:
-    """Return the file to read: a wheel rather than an sdist, and the one for the newest Python."""
+    """Return the file to read: a wheel rather than an sdist.
+
+    Of wheels for one Python each, the one for the oldest: those for newer ones lack what their Python lost.
+    """
     some = files.get(release.version, ())
     pythons = [item for item in interpreters.available() if _admits(release.requires_python, item.version)]
-    for python in sorted(pythons, key=lambda item: Version(item.version), reverse=True):
-        for artifact in some:
-            if artifact.is_wheel and _fits(artifact.filename, Version(python.version)):
-                return ChosenFile(artifact=artifact, python=python)
-    if not package.run:
-        for artifact in some:
-            if artifact.is_wheel and re.search(r"-(any|[^-]*linux[^-]*_x86_64)\.whl$", artifact.filename):
-                return ChosenFile(artifact=artifact, python=None)
-    sources = [item for item in some if not item.is_wheel and item.filename.endswith((".tar.gz", ".zip"))]
+    pythons.sort(key=lambda item: Version(item.version))
+    wheels = [item for item in some if re.search(r"-(any|[^-]*linux[^-]*_x86_64)\.whl$", item.filename)]
+    importable = next(_importable(wheels, pythons), None)
+    if importable or (wheels and not package.run):
+        return importable or ChosenFile(artifact=wheels[0], python=None)
+    sources = [item for item in some if item.filename.endswith((".tar.gz", ".zip"))]
     if sources and package.sdists:
         return ChosenFile(artifact=sources[0], python=_near(pythons, release.uploaded))
     return None
 
 
-def _fits(wheel: str, python: Version) -> bool:
-    """Return whether a Python of this machine can import from a wheel, if it runs on 64-bit Linux."""
-    if not re.search(r"-(any|[^-]*linux[^-]*_x86_64)\.whl$", wheel):
-        return False
+def _importable(wheels: Sequence[Artifact], pythons: Sequence[Interpreter]) -> Iterator[ChosenFile]:
+    """Yield the wheels that a Python of this machine can import, the best first; Pythons are ordered."""
+    fits = {_fits_any: [*reversed(pythons)], _fits_one: pythons}
+    for is_for, ordered in fits.items():
+        for python in ordered:
+            for artifact in wheels:
+                if is_for(artifact.filename, Version(python.version)):
+                    yield ChosenFile(artifact=artifact, python=python)
+
+
+def _fits_any(wheel: str, python: Version) -> bool:
+    """Return whether a wheel is for several Pythons, this one among them."""
     stable = re.search(r"-cp3(\d+)-abi3-", wheel)
-    if stable:
-        return int(stable.group(1)) <= python.minor
-    return re.search(rf"-(py3|py2\.py3|py3\d|cp{python.major}{python.minor})-", wheel) is not None
+    return int(stable[1]) <= python.minor if stable else re.search(r"-(py3|py2\.py3|py3\d)-", wheel) is not None
+
+
+def _fits_one(wheel: str, python: Version) -> bool:
+    return f"-cp{python.major}{python.minor}-" in wheel
 
 
 def _near(pythons: Sequence[Interpreter], uploaded: str | None) -> Interpreter | None:
-    """Return the Python that most of its time used, for a source that does not say: the oldest before 2022."""
-    ordered = sorted(pythons, key=lambda item: Version(item.version))
-    if not ordered:
+    """Return the Python that most of its time used, of ordered ones, for a source: the oldest before 2022."""
+    if not pythons:
         return None
-    return ordered[0] if (uploaded or "") < "2022" else ordered[len(ordered) // 2]
+    return pythons[0] if (uploaded or "") < "2022" else pythons[len(pythons) // 2]
 
 
 def _admits(requires: str | None, version: str) -> bool:
