@@ -187,8 +187,9 @@ def _without_copies(members: dict[str, list[str]]) -> dict[str, tuple[str, ...]]
 
 
 def _hides_names(package: PackagePlan, facts: ReleaseFacts, answers: dict[str, Any]) -> bool:
-    """Return whether a release would seem to lack names, as its machine code could not be imported."""
-    return bool(facts.natives and package.run and package.run[0] not in answers.get("names", ()))
+    """Return whether a release would seem to lack names, as a module that only running shows could not be imported."""
+    not_imported = {*package.run} - {*answers.get("names", ())}
+    return bool(not_imported & {*facts.dynamic}) or bool(facts.natives and {*package.run[:1]} & not_imported)
 
 
 def _measured(package: PackagePlan, entry: ReleaseEntry, document: ReleaseDocument | None) -> MeasuredRelease:
