@@ -9,9 +9,13 @@ from pathlib import Path
 import msgspec
 
 from harness.history import api_history
+from harness.history.api_history import ApiHistory
 from harness.history.package_plan import Plan
 
 FILE = "imports.json.gz"
+
+USUAL = 5
+"""A module that fewer than one in so many releases have got into them by mistake, unless the newest has it."""
 
 
 class ImportTable(msgspec.Struct, frozen=True, kw_only=True):
@@ -27,14 +31,30 @@ def encode(plan: Plan, histories: Path) -> bytes:
     Of several packages with one name, the first of the plan has it.
     """
     imports: dict[str, str] = {}
+    taken: set[str] = set()
     for package in plan.all_packages():
         file = histories / f"{package}.json.gz"
         if file.is_file():
-            modules = api_history.decode(file.read_bytes()).modules
-            for name in import_names({name: max(last for _, last in spans) for name, spans in modules.items()}):
-                imports.setdefault(name, package)
+            modules = usual_modules(api_history.decode(file.read_bytes()))
+            imports |= {name: package for name in import_names(modules) if name not in taken}
+            taken |= {*modules}
     table = ImportTable(imports=imports, searched=plan.searched)
     return gzip.compress(msgspec.json.encode(table, order="sorted"), mtime=0)
+
+
+def usual_modules(history: ApiHistory) -> dict[str, int]:
+    """Return the last release of each module, without what got into a few files by mistake.
+
+    A top-level module counts that the newest release has, or one in five.
+    """
+    read = [place for place, release in enumerate(history.releases) if release.read]
+    having: dict[str, set[int]] = {}
+    for module, spans in history.modules.items():
+        places = {place for place in read if any(first <= place <= last for first, last in spans)}
+        having.setdefault(module.partition(".")[0], set()).update(places)
+    usual = {top for top, places in having.items() if read[-1] in places or len(places) * USUAL >= len(read)}
+    last = {module: max(last for _, last in spans) for module, spans in history.modules.items()}
+    return {module: place for module, place in last.items() if module.partition(".")[0] in usual}
 
 
 def import_names(modules: Mapping[str, int]) -> Iterator[str]:

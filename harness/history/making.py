@@ -95,7 +95,11 @@ class _Reader:
             )
             file = chosen.get(release.version)
             document = self._document(release.version, file, big=big) if file else None
-            yield _measured(self.package, entry, document)
+            measured = _measured(self.package, entry, document)
+            if document and not measured.facts:
+                message = f"{self.name} {release.version}: not read: some of its names cannot be seen"
+                print(message, file=sys.stderr, flush=True)
+            yield measured
 
     def _is_big(self, chosen: dict[str, ChosenFile]) -> bool:
         """Return whether only names of files are read: of all releases, so that none seems to lack a name."""

@@ -33,3 +33,26 @@ def test_the_first_package_of_the_plan_has_a_name_that_several_bring(tmp_path: P
     plan = Plan(helpers=(), searched=("box2d",), listed=("pyyaml",), packages=packages)
     table = json.loads(gzip.decompress(import_table.encode(plan, tmp_path)))
     assert table == {"imports": {"Box2D": "box2d", "yaml": "pyyaml"}, "searched": ["box2d"]}
+
+
+def test_a_module_in_few_old_releases_got_there_by_mistake() -> None:
+    """The newest release decides of a new module; one that many had counts although it is gone."""
+    modules = [("toy", "old", "setup_helper"), *([("toy", "old")] * 4), *([("toy",)] * 4), ("toy", "fresh")]
+    releases = [
+        MeasuredRelease(entry=ReleaseEntry(version=f"1.{number}", read=True), facts=ReleaseFacts(modules=some))
+        for number, some in enumerate(modules)
+    ]
+    assert [*import_table.usual_modules(fold("toy", releases))] == ["fresh", "old", "toy"]
+
+
+def test_a_module_of_an_earlier_package_stays_with_it(tmp_path: Path) -> None:
+    """Some package brings a file into the folder of another one."""
+    for package, modules in {
+        "gym": ("gym", "gym.envs", "gym.envs.atari"),
+        "ale-py": ("ale_py", "gym.envs.atari"),
+    }.items():
+        release = MeasuredRelease(entry=ReleaseEntry(version="1.0", read=True), facts=ReleaseFacts(modules=modules))
+        (tmp_path / f"{package}.json.gz").write_bytes(encode(fold(package, [release])))
+    plan = Plan(helpers=(), packages={"gym": PackagePlan(), "ale-py": PackagePlan()})
+    table = json.loads(gzip.decompress(import_table.encode(plan, tmp_path)))
+    assert table["imports"] == {"ale_py": "ale-py", "gym": "gym"}
