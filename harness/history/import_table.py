@@ -19,9 +19,10 @@ USUAL = 5
 
 
 class ImportTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The package of each import name; `searched` are those of the plan."""
+    """The package of each import name; `gone` are those that its newest release lacks. `searched` are the plan's."""
 
     imports: dict[str, str]
+    gone: tuple[str, ...]
     searched: tuple[str, ...]
 
 
@@ -32,13 +33,16 @@ def encode(plan: Plan, histories: Path) -> bytes:
     """
     imports: dict[str, str] = {}
     taken: set[str] = set()
+    gone: set[str] = set()
     for package in plan.all_packages():
         file = histories / f"{package}.json.gz"
         if file.is_file():
             modules = usual_modules(api_history.decode(file.read_bytes()))
-            imports |= {name: package for name in import_names(modules) if name not in taken}
+            names = [name for name in import_names(modules) if name not in taken]
+            imports |= dict.fromkeys(names, package)
+            gone |= {name for name in names if modules[name] < max(modules.values())}
             taken |= {*modules}
-    table = ImportTable(imports=imports, searched=plan.searched)
+    table = ImportTable(imports=imports, gone=tuple(sorted(gone)), searched=plan.searched)
     return gzip.compress(msgspec.json.encode(table, order="sorted"), mtime=0)
 
 

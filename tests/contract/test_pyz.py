@@ -21,7 +21,7 @@ from harness.running.signatures import shipped_signatures
 from harness.standalone.explain import explain, explain_text, log_excerpt
 
 SUPPORTED = ("3.7", "3.8", "3.9", "3.10", "3.11", "3.12", "3.13", "3.14")
-BOUND = 2_000_000
+BOUND = 8_000_000
 TRACE = 'Traceback (most recent call last):\n  File "/e/lib/python3.10/site-packages/gym/core.py", line 5, in step\n'
 LOGS = {
     "bool8": TRACE + "AttributeError: module 'numpy' has no attribute 'bool8'. Did you mean: 'bool'?\n",

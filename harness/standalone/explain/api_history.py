@@ -169,7 +169,7 @@ def decode(content: bytes) -> Optional[History]:
 
 @lru_cache(maxsize=None)
 def _import_names() -> Mapping[str, Any]:
-    """Return the table of import names that came with us: `imports`, and the packages `searched` for a bare name."""
+    """Return the table of import names that came with us: `imports`, those `gone`, packages `searched`."""
     contents = (carried_file("{}/{}".format(place, IMPORTS)) for place in PLACES)
     content = next((item for item in contents if item is not None), None)
     table: Mapping[str, Any] = json.loads(gzip.decompress(content).decode("utf-8")) if content else {}
@@ -178,10 +178,21 @@ def _import_names() -> Mapping[str, Any]:
 
 def package_of(module: str) -> Optional[str]:
     """Return the package that has a module, by its dotted name."""
+    name = _import_name(module)
+    return str(_import_names()["imports"][name]) if name else None
+
+
+def is_gone(module: str) -> bool:
+    """Return whether the package of a module has it no more, as far as the start of its dotted name tells."""
+    return _import_name(module) in _import_names().get("gone", ())
+
+
+def _import_name(module: str) -> Optional[str]:
+    """Return the longest import name that a dotted name begins with."""
     imports = _import_names().get("imports", {})
     parts = module.split(".")
     names = (".".join(parts[:length]) for length in range(len(parts), 0, -1))
-    return next((str(imports[name]) for name in names if name in imports), None)
+    return next((name for name in names if name in imports), None)
 
 
 class _SearchedImports(Mapping[str, str]):

@@ -32,7 +32,7 @@ def test_the_first_package_of_the_plan_has_a_name_that_several_bring(tmp_path: P
     packages = {"box2d": PackagePlan(), "box2d-py": PackagePlan(), "never-read": PackagePlan()}
     plan = Plan(helpers=(), searched=("box2d",), listed=("pyyaml",), packages=packages)
     table = json.loads(gzip.decompress(import_table.encode(plan, tmp_path)))
-    assert table == {"imports": {"Box2D": "box2d", "yaml": "pyyaml"}, "searched": ["box2d"]}
+    assert table == {"imports": {"Box2D": "box2d", "yaml": "pyyaml"}, "gone": [], "searched": ["box2d"]}
 
 
 def test_a_module_in_few_old_releases_got_there_by_mistake() -> None:

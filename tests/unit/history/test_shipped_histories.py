@@ -8,6 +8,7 @@ import pytest
 
 from harness.history import api_history, making, package_plan
 from harness.standalone.explain.api_history import load_shipped, package_of
+from harness.standalone.explain.import_names import package_with
 
 PACKAGES = [*package_plan.load(making.PLAN).all_packages()]
 MOST_BYTES = 150_000
@@ -90,6 +91,12 @@ def test_a_history_says_what_an_environment_shows(package: str, path: str, there
 def test_an_import_name_leads_to_its_package(module: str, package: str | None) -> None:
     """The table is made from the files of releases."""
     assert package_of(module) == package
+
+
+def test_a_module_that_the_newest_release_lacks_is_not_to_be_had_by_installing_its_package() -> None:
+    """The table tells so without a look into the history."""
+    assert (package_of("pkg_resources"), package_with("pkg_resources")) == ("setuptools", None)
+    assert package_with("setuptools") == "setuptools"
 
 
 def test_wheels_are_listed_for_each_release() -> None:
