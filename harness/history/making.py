@@ -208,7 +208,7 @@ def _measured(package: PackagePlan, entry: ReleaseEntry, document: ReleaseDocume
     environments, schema = answers.get("environments"), answers.get("schema")
     return MeasuredRelease(
         entry=msgspec.structs.replace(entry, read=True),
-        facts=document.facts,
+        facts=document.facts if package.signatures else msgspec.structs.replace(document.facts, signatures={}),
         ran=ran,
         environments=tuple(environments) if environments else None,
         schema=tuple(schema) if schema else None,

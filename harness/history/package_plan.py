@@ -31,7 +31,8 @@ class PackagePlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     for the newest one. `imports`
     are the top-level modules, empty where the files tell; `run` those to import. With `big` only the names of files and
     the metadata are read; by default this depends on the size of the newest wheel. `sdists` is False where a source
-    does not have the names that its wheel has. `without` are modules that are not read.
+    does not have the names that its wheel has. `without` are modules that are not read, and parameters are left out
+    where `signatures` is False.
     """
 
     each: str = "release"
@@ -40,6 +41,7 @@ class PackagePlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     big: bool | None = None
     sdists: bool = True
     without: tuple[str, ...] = ()
+    signatures: bool = True
 
 
 LISTED = PackagePlan(each="newest", big=True)
