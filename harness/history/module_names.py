@@ -28,8 +28,8 @@ DYNAMIC = re.compile(
 )
 """Code by which a module gets names that its source does not show."""
 
-LAZY = re.compile(r"\bsys\.modules\[__name__\]\s*=[^=]")
-"""Code by which a module puts another object in its place, which imports names as they are asked for."""
+LAZY = re.compile(r"\bsys\.modules\[__name__\]\s*=[^=]|^(?:def )?__getattr__\b", re.MULTILINE)
+"""Code by which a module imports names as they are asked for, itself or by another object in its place."""
 
 
 class PackageNames(msgspec.Struct, kw_only=True):
@@ -74,7 +74,7 @@ class _Reader:
     def read_module(self, place: Any) -> Iterator[Any]:
         """Take in a module; yield those below it."""
         text, private = _source(place), _is_private(place.path)
-        lazy = "__getattr__" in place.members or LAZY.search(text) is not None
+        lazy = LAZY.search(text) is not None
         names, imported = set(_strings(text)) if lazy and not private else set(), set()
         for name, member in place.members.items():
             # An import for type checkers alone is there at run time only if the module is lazy.

@@ -30,6 +30,7 @@ class Unseen:
 """,
     "toy/heavy.py": "class Heavy:\n    def lift(self): ...\n",
     "toy/lazy.py": "_NAMES = {'Heavy': 'toy.heavy'}\ndef __getattr__(name): ...\n",
+    "toy/attached.py": "from lazy_loader import attach\n__getattr__, __dir__, __all__ = attach(__name__, ['Other'])\n",
     "toy/dynamic.py": "here = 1\nfor name in 'ab':\n    globals()[name] = name\n",
     "toy/tests/__init__.py": "",
     "toy/test.py": "def run(): ...\n",
@@ -79,6 +80,7 @@ def test_a_lazy_module_has_the_names_in_its_texts(tmp_path: Path) -> None:
     """Its `__getattr__` may bring any of them; a module that makes names as it runs is marked."""
     facts = read(tmp_path)
     assert "Heavy" in facts.names["toy.lazy"]
+    assert "Other" in facts.names["toy.attached"]
     assert facts.dynamic == ("toy.dynamic",)
 
 
