@@ -25,8 +25,6 @@ FACTS = [
     ("protobuf", "modules google.protobuf.internal.builder", "3.20.0", "3.19.6"),
     ("typing-extensions", "names typing_extensions TypeIs", "4.10.0", "4.9.0"),
     ("moviepy", "modules moviepy.editor", "1.0.3", "2.0.0"),
-    ("scipy", "names scipy.signal hann", "1.12.0", "1.13.0"),
-    ("scipy", "names scipy.integrate simps", "1.11.4", "1.14.0"),
     ("gymnasium", "names gymnasium.wrappers FrameStack", "0.29.1", "1.0.0"),
     ("gym", "modules gym.envs.classic_control.rendering", "0.21.0", "0.22.0"),
 ]
