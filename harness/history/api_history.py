@@ -10,7 +10,7 @@ import msgspec
 
 from harness.history.release_reader import ReleaseFacts
 
-FORM = 1
+FORM = 2
 
 Span = tuple[int, int]
 """The first and the last of consecutive releases that were read, as places in `releases`."""
@@ -75,17 +75,19 @@ def fold(package: str, releases: Sequence[MeasuredRelease]) -> ApiHistory:
                 places.setdefault(name, []).append(rank)
         return {name: _spans(places[name], among) for name in sorted(places)}
 
-    def nested(field: str) -> dict[str, dict[str, Spans]]:
-        owners = sorted({owner for number in read for owner in _named(releases[number], field)})
-        return {owner: spans(lambda release, owner=owner: _named(release, field).get(owner, ())) for owner in owners}  # type: ignore[misc]
+    def nested(named: Callable[[MeasuredRelease], dict[str, tuple[str, ...]]]) -> dict[str, dict[str, Spans]]:
+        owners = sorted({owner for number in read for owner in named(releases[number])})
+        return {owner: spans(lambda release, owner=owner: named(release).get(owner, ())) for owner in owners}  # type: ignore[misc]
 
     return ApiHistory(
         package=package,
         releases=tuple(release.entry for release in releases),
         ran=_spans([*range(len(ran))], ran),
         modules=spans(lambda release: _facts(release).modules),
-        names={owner: release for owner, release in nested("names").items() if release},
-        members={owner: release for owner, release in nested("members").items() if release},
+        names={owner: release for owner, release in nested(_public_names(releases, read)).items() if release},
+        members={
+            owner: release for owner, release in nested(lambda release: _named(release, "members")).items() if release
+        },
         signatures=_signatures(releases, read),
         requires=spans(lambda release: _facts(release).requires),
         extras=spans(lambda release: _facts(release).extras),
@@ -95,14 +97,61 @@ def fold(package: str, releases: Sequence[MeasuredRelease]) -> ApiHistory:
     )
 
 
+HEAD = frozenset({"form", "package", "releases", "ran"})
+"""The keys of the first line of a file, which is read by itself where only releases are asked for."""
+
+
 def encode(history: ApiHistory) -> bytes:
-    """Return the file of a history: the same bytes for the same history."""
-    return gzip.compress(msgspec.json.encode(history, order="sorted"), mtime=0)
+    """Return the file of a history: two lines, compressed one by one; the same bytes for the same history."""
+    plain = {"form": FORM, "ran": (), **msgspec.to_builtins(history)}
+    lines = (
+        {key: value for key, value in plain.items() if key in HEAD},
+        {key: value for key, value in plain.items() if key not in HEAD},
+    )
+    return b"".join(gzip.compress(msgspec.json.encode(line, order="sorted") + b"\n", mtime=0) for line in lines)
+
+
+def decode(content: bytes) -> ApiHistory:
+    """Return the history in a file. Raises ValueError if it has another form."""
+    plain: dict[str, object] = {}
+    for line in gzip.decompress(content).splitlines():
+        plain |= msgspec.json.decode(line)
+    if plain["form"] != FORM:
+        message = f"form {plain['form']} instead of {FORM}: make it again"
+        raise ValueError(message)
+    return msgspec.convert(plain, ApiHistory)
 
 
 def _facts(release: MeasuredRelease) -> ReleaseFacts:
     assert release.facts is not None
     return release.facts
+
+
+def _public_names(
+    releases: Sequence[MeasuredRelease], read: Sequence[int]
+) -> Callable[[MeasuredRelease], dict[str, tuple[str, ...]]]:
+    """Return a function that gives the names of a release, by module.
+
+    A name that a module has from another package counts where some release of this one defines it there. A module that
+    makes names as it runs, in some release, has none: they would come and go with the way in which they are made.
+    """
+    own: dict[str, set[str]] = {}
+    hidden: set[str] = set()
+    for number in read:
+        ran = releases[number].ran
+        for owner, names in _named(releases[number], "names").items():
+            own.setdefault(owner, set()).update(names)
+        hidden |= {*_facts(releases[number]).dynamic} - {*(ran.names if ran else ())}
+
+    def named(release: MeasuredRelease) -> dict[str, tuple[str, ...]]:
+        imported = _facts(release).imported
+        return {
+            owner: (*names, *(own[owner] & {*imported.get(owner, ())}))
+            for owner, names in _named(release, "names").items()
+            if owner not in hidden
+        }
+
+    return named
 
 
 def _named(release: MeasuredRelease, field: str) -> dict[str, tuple[str, ...]]:

@@ -4,6 +4,7 @@ Runs in any Python from 3.6 on, with what the release needs at hand. Writes one 
 `members` of classes, `environments` that are registered, `schema` of MuJoCo's files, `failed` imports with their error.
 """
 
+import ast
 import importlib
 import json
 import re
@@ -23,12 +24,14 @@ def main(file: str, folder: str, modules: Sequence[str]) -> None:
             document["failed"][name] = f"{type(error).__name__}: {error}"[:200]
             continue
         public = [name_there for name_there in dir(module) if not name_there.startswith("_")]
+        public += sorted(_offered(module) - set(public))
         document["names"][name] = [name_there for name_there in public if not _foreign(module, name_there)]
         for name_there in public:
             value = getattr(module, name_there, None)
             if isinstance(value, type) and str(value.__module__).partition(".")[0] == name.partition(".")[0]:
                 members = sorted(member for member in dir(value) if not member.startswith("_"))
-                document["members"][f"{value.__module__}.{value.__qualname__}"] = members
+                if not any(part.startswith("_") for part in str(value.__module__).split(".")):
+                    document["members"][f"{value.__module__}.{value.__qualname__}"] = members
                 document["members"][f"{name}.{name_there}"] = members
     document["environments"] = _environments()
     document["schema"] = _schema()
@@ -40,6 +43,25 @@ def _foreign(module: Any, name: str) -> bool:
     value = getattr(module, name, None)
     top = getattr(value, "__name__", "").partition(".")[0]
     return isinstance(value, type(sys)) and top != module.__name__.partition(".")[0]
+
+
+def _offered(module: Any) -> Set[str]:
+    """Return the names that only `__getattr__` of a module brings: those in its source that are answered."""
+    if not hasattr(module, "__getattr__"):
+        return set()
+    tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
+    # Python 3.7 has a text as `s`, later ones as `value`.
+    texts = {getattr(node, "value", getattr(node, "s", None)) for node in ast.walk(tree)}
+    names = {text for text in texts if isinstance(text, str) and text.isidentifier() and not text.startswith("_")}
+    return {name for name in names if _is_there(module, name)}
+
+
+def _is_there(module: Any, name: str) -> bool:
+    try:
+        getattr(module, name)
+    except BaseException:
+        return False
+    return True
 
 
 def _environments() -> Optional[List[str]]:

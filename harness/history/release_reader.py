@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import tarfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from email.parser import HeaderParser
 from pathlib import Path
 from typing import Any
 
 import msgspec
 
+from harness.history import module_names
+from harness.history.module_names import PASSED_OVER, TESTS, VENDORED, PackageNames
+
 NATIVE = (".so", ".pyd")
-PASSED_OVER = frozenset({"tests", "test", "testing", "conftest", "setup", "docs", "examples", "benchmarks", "_pytest"})
-"""Names of modules that nobody who uses a package imports."""
+AT_THE_TOP = PASSED_OVER | {"build", "doc", "scripts", "setup", "test_utils", "tools"}
+"""Names of top-level modules that got into a file by mistake, or that only its build uses."""
 
 
 class ReleaseFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -21,13 +24,16 @@ class ReleaseFacts(msgspec.Struct, frozen=True, kw_only=True):
 
     `modules` are the modules that can be imported; `names` the public names of each, those imported from elsewhere in
     the package too; `members` the public names in each class; `signatures` the parameters of each function and method
-    by the path at which it is defined. `natives` are modules of machine code, whose names only running tells.
+    by the path at which it is defined. `imported` are names that a module has from other packages. `natives` are
+    modules of machine code, whose names only running tells, `dynamic` those of source that makes names as it runs.
     `failed` are packages that could not be read, with the reason.
     """
 
     modules: tuple[str, ...] = ()
     natives: tuple[str, ...] = ()
+    dynamic: tuple[str, ...] = ()
     names: dict[str, tuple[str, ...]] = {}
+    imported: dict[str, tuple[str, ...]] = {}
     members: dict[str, tuple[str, ...]] = {}
     signatures: dict[str, str] = {}
     requires: tuple[str, ...] = ()
@@ -37,9 +43,28 @@ class ReleaseFacts(msgspec.Struct, frozen=True, kw_only=True):
     failed: dict[str, str] = {}
 
 
+def is_source(member: str) -> bool:
+    """Return whether a file of a wheel has names to read: source outside of tests and copies of other packages.
+
+    A stub has none: a release that adds one for a module of machine code adds no names to it.
+    """
+    return member.endswith(".py") and (TESTS | VENDORED).isdisjoint(member.split("/")[:-1])
+
+
+def is_metadata(member: str) -> bool:
+    """Return whether a file of a wheel holds its metadata."""
+    folder, _, name = member.partition("/")
+    return folder.endswith(".dist-info") and name in {"METADATA", "entry_points.txt"}
+
+
+def is_library(member: str) -> bool:
+    """Return whether a file of a wheel is machine code, or a part of one."""
+    return member.endswith(NATIVE) or ".so." in member
+
+
 def unpack(archive: Path, folder: Path) -> None:
     """Unpack a wheel or an sdist into a folder; of an sdist without the folder that holds everything."""
-    if archive.suffix in {".whl", ".zip", ".egg"}:
+    if archive.suffix in {".whl", ".zip"}:
         with zipfile.ZipFile(archive) as file:
             file.extractall(folder)
     else:
@@ -53,134 +78,61 @@ def unpack(archive: Path, folder: Path) -> None:
         moved.rename(folder)
 
 
-def read(folder: Path, imports: tuple[str, ...] = ()) -> ReleaseFacts:
-    """Return what the unpacked release in a folder offers; `imports` are its top-level modules if they are known."""
-    tops = [name for name in imports if _place(folder, name)] or [*_tops(folder)]
-    modules, natives = _modules(folder, tops)
-    names: dict[str, tuple[str, ...]] = {}
-    members: dict[str, tuple[str, ...]] = {}
-    signatures: dict[str, str] = {}
-    failed = {}
-    for top in tops:
+def read(folder: Path, imports: tuple[str, ...] = (), files: Iterable[str] | None = None) -> ReleaseFacts:
+    """Return what the unpacked release in a folder offers.
+
+    `imports` are its top-level modules if they are known, `files` all its files where only some are in the folder.
+    """
+    root, listed = source_root(folder), read_listing(folder, imports, files)
+    offered, failed = PackageNames(), {}
+    for top in sorted({module.partition(".")[0] for module in {*listed.modules} - {*listed.natives}}):
         try:
-            _read_package(_root(folder, top), top, names, members, signatures)
+            more = module_names.read(root, top)
         except Exception as error:  # whatever a file holds, the others are read
             failed[top] = f"{type(error).__name__}: {error}"[:200]
-    return ReleaseFacts(
-        modules=tuple(sorted(modules)),
-        natives=tuple(sorted(natives)),
-        names=names,
-        members=members,
-        signatures=signatures,
-        failed=failed,
-        **_metadata(folder),
-    )
+            continue
+        offered.dynamic += more.dynamic
+        for field in ("names", "imported", "members", "signatures"):
+            getattr(offered, field).update(getattr(more, field))
+    return msgspec.structs.replace(listed, failed=failed, **msgspec.structs.asdict(offered))
 
 
-# --- files -----------------------------------------------------------------------------------------------------
-
-
-def _place(folder: Path, name: str) -> bool:
-    return any((root / name).is_dir() or (root / f"{name}.py").is_file() for root in (folder, folder / "src"))
-
-
-def _root(folder: Path, top: str) -> Path:
-    src = folder / "src"
-    return src if (src / top).is_dir() or (src / f"{top}.py").is_file() else folder
-
-
-def _tops(folder: Path) -> Iterator[str]:
-    """Yield the top-level packages and modules of an unpacked release."""
-    for root in (folder, folder / "src"):
-        for path in sorted(root.iterdir()) if root.is_dir() else ():
-            name = path.name.partition(".")[0]
-            if not name.isidentifier() or name in PASSED_OVER or name.startswith("_"):
-                continue
-            if (path.is_dir() and any(path.rglob("*.py"))) or path.suffix in {".py", *NATIVE}:
-                yield name
-
-
-def _modules(folder: Path, tops: list[str]) -> tuple[set[str], set[str]]:
+def read_listing(folder: Path, imports: tuple[str, ...] = (), files: Iterable[str] | None = None) -> ReleaseFacts:
+    """Return what the names of files and the metadata tell of an unpacked release; arguments are those of `read`."""
     modules, natives = set(), set()
-    for top in tops:
-        root = _root(folder, top)
-        for path in [*(root / top).rglob("*"), *root.glob(f"{top}.*")]:
-            parts = path.relative_to(root).parts
-            name = path.name.partition(".")[0]
-            if path.suffix not in {".py", *NATIVE} or not all(part.isidentifier() for part in (*parts[:-1], name)):
-                continue
-            dotted = ".".join((*parts[:-1], *(() if name == "__init__" else (name,))))
-            if PASSED_OVER.isdisjoint(dotted.split(".")[1:]):
-                modules.add(dotted)
-                if path.suffix in NATIVE:
-                    natives.add(dotted)
-    return modules, natives
+    if files is None:
+        root = source_root(folder)
+        files = [path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file()]
+    for file in map(_installed, files):
+        parts, native = _module(file)
+        if not parts or (parts[0] not in imports if imports else parts[0].startswith("_") or parts[0] in AT_THE_TOP):
+            continue
+        if PASSED_OVER.isdisjoint(file.split("/")[:-1]) and VENDORED.isdisjoint(parts[:-2]) and parts[-1] != "conftest":
+            modules.add(".".join(parts))
+            if native:
+                natives.add(".".join(parts))
+    return ReleaseFacts(modules=tuple(sorted(modules)), natives=tuple(sorted(natives)), **_metadata(folder))
 
 
-# --- names -----------------------------------------------------------------------------------------------------
+def _module(file: str) -> tuple[list[str], bool]:
+    """Return the parts of the name by which a file is imported, none if it is not; and whether it is machine code."""
+    *folders, name = file.split("/")
+    stem, _, end = name.partition(".")
+    native = name.endswith(NATIVE) and not (end == "so" and stem.startswith("lib"))
+    parts = [*folders, *(() if stem == "__init__" else (stem,))]
+    return (parts if (native or end == "py") and all(part.isidentifier() for part in parts) else []), native
 
 
-def _read_package(
-    root: Path, top: str, names: dict[str, Any], members: dict[str, Any], signatures: dict[str, str]
-) -> None:
-    import griffe  # noqa: PLC0415 - only the maker of the history needs it
-
-    module: Any = griffe.load(
-        top, search_paths=[root], allow_inspection=False, resolve_aliases=True, find_stubs_package=False
-    )
-    waiting = [module]
-    while waiting:
-        place = waiting.pop()
-        public = []
-        for name, member in place.members.items():
-            if member.is_alias:
-                if not name.startswith("_") and _target(member).partition(".")[0] == top:
-                    public.append(name)
-                continue
-            if member.is_module and not PASSED_OVER.intersection({name}):
-                waiting.append(member)
-            if member.is_function:
-                signatures[member.path] = _parameters(member)
-            if member.is_class:
-                _read_class(member, members, signatures)
-            if not name.startswith("_"):
-                public.append(name)
-        names[place.path] = tuple(sorted(public))
+def source_root(folder: Path) -> Path:
+    """Return the folder below which the modules of an unpacked release lie."""
+    src = folder / "src"
+    return src if src.is_dir() and not (src / "__init__.py").exists() else folder
 
 
-def _target(alias: Any) -> str:
-    """Return the path that a name was imported from; empty where that is not to be found."""
-    try:
-        return str(alias.target_path)
-    except Exception:  # an alias of a module that is not there raises an error of its own
-        return ""
-
-
-def _read_class(place: Any, members: dict[str, Any], signatures: dict[str, str]) -> None:
-    public = []
-    for name, member in place.members.items():
-        if not name.startswith("_") or name in {"__init__", "__new__", "__call__"}:
-            if not name.startswith("_"):
-                public.append(name)
-            if not member.is_alias and member.is_function:
-                signatures[member.path] = _parameters(member)
-        if not member.is_alias and member.is_class:
-            _read_class(member, members, signatures)
-    members[place.path] = tuple(sorted(public))
-
-
-def _parameters(function: Any) -> str:
-    """Return the parameters of a function as in its definition, without annotations; a default is `=`."""
-    texts, star = [], False
-    for place in function.parameters:
-        kind = place.kind.value
-        mark = {"variadic positional": "*", "variadic keyword": "**"}.get(kind, "")
-        if kind == "keyword-only" and not star:
-            texts.append("*")
-            star = True
-        star = star or mark == "*"
-        texts.append(f"{mark}{place.name}{'=' if place.default is not None and not mark else ''}")
-    return ", ".join(texts)
+def _installed(file: str) -> str:
+    """Return where a file of a wheel lies once it is installed."""
+    top, _, rest = file.partition("/")
+    return rest.partition("/")[2] if top.endswith(".data") and rest.startswith(("purelib/", "platlib/")) else file
 
 
 # --- metadata --------------------------------------------------------------------------------------------------

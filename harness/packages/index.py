@@ -11,8 +11,8 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterable
-from contextlib import closing
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     import requests
 
 T = TypeVar("T")
+ReadPart = Callable[[str], tuple[bytes, int]]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,6 +55,8 @@ HASTY = Patience(pauses=(), timeout=(3, 10))
 
 PAGE_READS = 2
 """A whole page has so many times the seconds that are allowed between two pieces of it."""
+
+PARTIAL_CONTENT = 206
 
 SLOWEST = 2000
 """Bytes of a file that have to come in a second."""
@@ -190,6 +193,17 @@ def fetch(
     return target
 
 
+@contextmanager
+def parts(artifact: Artifact, matrix: IndexSettings = NOTHING) -> Iterator[ReadPart]:
+    """Give a function that reads parts of an artifact's file. It raises IndexUnreachable where none are to be had.
+
+    Its argument is a range as HTTP writes it (`0-99`, `-100` for the last hundred bytes); it returns the bytes and the
+    size of the whole file. The SHA-256 of the file is not checked, as nobody has the whole.
+    """
+    with closing(_Client(combine(matrix), offline=False)) as client:
+        yield lambda span: client.part(artifact.source, span)
+
+
 class _Client:
     """One session with the user's certificates, proxy and logins."""
 
@@ -247,6 +261,25 @@ class _Client:
                     file.write(chunk)
 
         self._patiently(work, source, slowest=SLOWEST)
+
+    def part(self, source: str, span: str) -> tuple[bytes, int]:
+        """Return the bytes in a range of a file, and the size of the whole file."""
+        path = _local(source)
+        if path is not None:
+            content = _there(path).read_bytes()
+            first, _, last = span.partition("-")
+            return content[int(first) : int(last) + 1] if first else content[-int(last) :], len(content)
+
+        def work(watch: Watch) -> tuple[bytes, int]:
+            with self._get(self._with_login(source), {"Range": f"bytes={span}"}) as response:
+                response.raise_for_status()
+                size = response.headers.get("Content-Range", "").rpartition("/")[2]
+                if response.status_code != PARTIAL_CONTENT or not size.isdigit():
+                    message = "its server gives no parts of files"
+                    raise ValueError(message)
+                return b"".join(watch.chunks(response)), int(size)
+
+        return self._patiently(work, source, slowest=SLOWEST)
 
     def close(self) -> None:
         """End the session."""

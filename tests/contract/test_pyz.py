@@ -18,10 +18,10 @@ from harness.machine import interpreters
 from harness.reports import doctor_pyz
 from harness.reports.answers import result_index
 from harness.running.signatures import shipped_signatures
-from harness.standalone.explain import explain, explain_text, log_excerpt
+from harness.standalone.explain import api_history, explain, explain_text, log_excerpt
 
 SUPPORTED = ("3.7", "3.8", "3.9", "3.10", "3.11", "3.12", "3.13", "3.14")
-BOUND = 2_000_000
+BOUND = 8_000_000
 TRACE = 'Traceback (most recent call last):\n  File "/e/lib/python3.10/site-packages/gym/core.py", line 5, in step\n'
 LOGS = {
     "bool8": TRACE + "AttributeError: module 'numpy' has no attribute 'bool8'. Did you mean: 'bool'?\n",
@@ -67,7 +67,8 @@ def run(python: str, pyz: Path, *arguments: str, given: bytes = b"", cwd: Path) 
 @pytest.fixture(scope="module")
 def answers() -> dict[str, tuple[int, dict[str, object]]]:
     """Return the host's exit code and answer for each log, using only the data that is shipped with it."""
-    known, here = verb.signatures(), explain_text.Facts(measured=msgspec.to_builtins(result_index.load_shipped()))
+    measured = msgspec.to_builtins(result_index.load_shipped())
+    known, here = verb.signatures(), explain_text.Facts(measured=measured, history=api_history.load_shipped)
     made = {name: explain_text.explain_text(text, known, here) for name, text in LOGS.items()}
     return {name: (0 if one.cause else explain.UNKNOWN, one.plain()) for name, one in made.items()}
 

@@ -1,37 +1,21 @@
 """Read the history of a package: which names, modules and environments each of its releases offers.
 
-The files are made by `harness/history`, one a package: gzipped JSON. Spans are [first, last] places in `releases`.
+The files are made by `harness/history`, one a package: two lines of JSON, gzipped one by one. The first has the
+releases, the second the names. Spans are [first, last] places in `releases`.
 """
 
 from __future__ import annotations
 
 import gzip
 import json
+import zlib
 from functools import lru_cache
-from typing import Any, Callable, Iterable, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 from ..adapters import carried_file
 from ..versions import version as parsed
 
-FORM = 1
-
-OF_IMPORT = {
-    "dm_control": "dm-control",
-    "gym": "gym",
-    "gymnasium": "gymnasium",
-    "gymnasium_robotics": "gymnasium-robotics",
-    "metaworld": "metaworld",
-    "mujoco": "mujoco",
-    "mujoco_py": "mujoco-py",
-    "numpy": "numpy",
-    "pettingzoo": "pettingzoo",
-    "pybullet": "pybullet",
-    "pybullet_data": "pybullet",
-    "pybullet_envs": "pybullet",
-    "robosuite": "robosuite",
-    "stable_baselines3": "stable-baselines3",
-}
-"""The package whose history has a top-level module."""
+FORM = 2
 
 Spans = Sequence[Sequence[int]]
 
@@ -54,6 +38,33 @@ class Availability(NamedTuple):
     bound: str
 
 
+class Contents(Mapping[str, Any]):
+    """The contents of a file: the first line, and the others as soon as one of their keys is asked for."""
+
+    def __init__(self, first: Mapping[str, Any], rest: Callable[[], bytes]) -> None:
+        self._plain = dict(first)
+        self._rest: Optional[Callable[[], bytes]] = rest
+
+    def __getitem__(self, key: str) -> Any:
+        if key not in self._plain:
+            self._read_all()
+        return self._plain[key]
+
+    def __iter__(self) -> Iterator[str]:
+        self._read_all()
+        return iter(self._plain)
+
+    def __len__(self) -> int:
+        self._read_all()
+        return len(self._plain)
+
+    def _read_all(self) -> None:
+        rest, self._rest = self._rest, None
+        text = rest() if rest else b""
+        if text.strip():
+            self._plain.update(json.loads(text.decode("utf-8")))
+
+
 class History:
     """The history of one package."""
 
@@ -68,7 +79,7 @@ class History:
         """Return the spans at a path of keys, such as `names`, `gym.spaces`, `Box`; None if no release has it."""
         place: Any = self.plain
         for key in path:
-            place = place.get(key) if isinstance(place, dict) else None
+            place = place.get(key) if isinstance(place, Mapping) else None
         spans: Optional[Spans] = place
         return spans
 
@@ -93,21 +104,22 @@ class History:
         run = _last_run(having, considered) if here is None or too_new else _first_run(later, having, considered)
         first, last = run
         after = next((place for place in considered if place > last), None)
-        bound = (
-            "{}<{}".format(self.package, self.versions[after])
-            if too_new and after is not None
-            else "{}>={}".format(self.package, self.versions[first])
-        )
-        if not too_new and after is not None:
-            bound += ",<{}".format(self.versions[after])
+        bounds = [] if too_new and after is not None else [">={}".format(self.versions[first])]
+        if after is not None:
+            bounds.append(self._upper_bound(last, after))
         return Availability(
             package=self.package,
             first=self.versions[first] if first != considered[0] else None,
             last=self.versions[last] if after is not None else None,
             after=self.versions[after] if after is not None else None,
             too_new=too_new,
-            bound=bound,
+            bound=self.package + ",".join(bounds),
         )
+
+    def _upper_bound(self, last: int, after: int) -> str:
+        """Return the bound below which a name is surely there: nobody knows of releases between that were not read."""
+        between = [version for version in self.versions[last + 1 : after] if not parsed(version).is_prerelease]
+        return "<={}".format(self.versions[last]) if between else "<{}".format(self.versions[after])
 
     def _uploaded(self, place: int) -> str:
         return str(self.plain["releases"][place].get("uploaded") or "")
@@ -127,6 +139,12 @@ def no_history(_package: str) -> Optional[History]:
     return None
 
 
+IMPORTS = "imports.json.gz"
+"""The table of import names, made with the histories."""
+
+GZIP = 16 + zlib.MAX_WBITS
+"""What `zlib` needs to read one part of a gzip file, and to leave the next ones."""
+
 PLACES = ("history", "../matrices/history", "../../matrices/history")
 """Folders of the histories: in the file that runs alone, in an installed harness, in its checkout."""
 
@@ -140,13 +158,62 @@ def load_shipped(package: str) -> Optional[History]:
 
 def decode(content: bytes) -> Optional[History]:
     """Return the history in a file; None if it has another form."""
-    plain = json.loads(gzip.decompress(content).decode("utf-8"))
-    return History(plain) if plain.get("form", FORM) == FORM else None
+    unpacker = zlib.decompressobj(GZIP)
+    line, _, begun = unpacker.decompress(content).partition(b"\n")
+    first = json.loads(line.decode("utf-8"))
+    if first.get("form") != FORM:
+        return None
+    others = unpacker.unused_data
+    return History(Contents(first, lambda: begun + (gzip.decompress(others) if others else b"")))
+
+
+@lru_cache(maxsize=None)
+def _import_names() -> Mapping[str, Any]:
+    """Return the table of import names that came with us: `imports`, those `gone`, packages `searched`."""
+    contents = (carried_file("{}/{}".format(place, IMPORTS)) for place in PLACES)
+    content = next((item for item in contents if item is not None), None)
+    table: Mapping[str, Any] = json.loads(gzip.decompress(content).decode("utf-8")) if content else {}
+    return table
 
 
 def package_of(module: str) -> Optional[str]:
     """Return the package that has a module, by its dotted name."""
-    return OF_IMPORT.get(module.partition(".")[0])
+    name = _import_name(module)
+    return str(_import_names()["imports"][name]) if name else None
+
+
+def is_gone(module: str) -> bool:
+    """Return whether the package of a module has it no more, as far as the start of its dotted name tells."""
+    return _import_name(module) in _import_names().get("gone", ())
+
+
+def _import_name(module: str) -> Optional[str]:
+    """Return the longest import name that a dotted name begins with."""
+    imports = _import_names().get("imports", {})
+    parts = module.split(".")
+    names = (".".join(parts[:length]) for length in range(len(parts), 0, -1))
+    return next((name for name in names if name in imports), None)
+
+
+class _SearchedImports(Mapping[str, str]):
+    """The import names of the packages that are searched, as the plan of the histories says."""
+
+    def _table(self) -> Dict[str, str]:
+        searched = _import_names().get("searched", ())
+        return {name: item for name, item in _import_names().get("imports", {}).items() if item in searched}
+
+    def __getitem__(self, name: str) -> str:
+        return self._table()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._table())
+
+    def __len__(self) -> int:
+        return len(self._table())
+
+
+OF_IMPORT: Mapping[str, str] = _SearchedImports()
+"""The package by its import name, of those that are searched where a line names no package."""
 
 
 def _places(spans: Iterable[Sequence[int]]) -> List[int]:

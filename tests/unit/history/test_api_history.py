@@ -76,6 +76,64 @@ def test_nothing_is_derived_of_what_all_releases_have_or_none() -> None:
     assert made.where(None, None) is None
 
 
+def test_a_bound_holds_where_releases_between_were_not_read() -> None:
+    """The bound is the last release that surely has the name: nobody knows which of the others lost it."""
+    made = history(release("1.0", "Box"), release("1.1", read_it=False), release("1.2"), release("1.3"))
+    where = made.where([[0, 0]], "1.3")
+    assert where is not None
+    assert (where.bound, where.after) == ("toy<=1.0", "1.2")
+    candidate = history(release("1.0", "Box"), release("2.0rc1", read_it=False), release("2.0")).where([[0, 0]], None)
+    assert candidate is not None
+    assert candidate.bound == "toy<2.0"
+
+
+def test_releases_are_read_without_names_until_names_are_asked_for() -> None:
+    """The first line of a file has the releases alone."""
+    content = encode(fold("toy", FOUR))
+    damaged = decode(content[:-20])
+    assert damaged is not None
+    assert damaged.versions == ["0.9", "0.10", "1.0", "2.0"]
+    with pytest.raises(EOFError):
+        damaged.spans("names", "toy", "Box")
+
+
+def test_a_release_read_by_its_files_alone_has_modules_and_no_names() -> None:
+    """Of such a package nothing is derived from names."""
+    releases = [
+        MeasuredRelease(entry=ReleaseEntry(version=version, read=True), facts=ReleaseFacts(modules=modules))
+        for version, modules in (("1.0", ("big", "big.old")), ("2.0", ("big",)))
+    ]
+    made = history(*releases)
+    assert made.spans("modules", "big.old") == [[0, 0]]
+    assert made.spans("names", "big", "anything") is None
+    assert made.plain.get("names", {}) == {}
+
+
+def test_a_name_from_another_package_counts_where_some_release_defines_it() -> None:
+    """A class that moved to another package can still be imported from here."""
+    own = ReleaseFacts(modules=("toy",), names={"toy": ("Trainer",)})
+    moved = ReleaseFacts(modules=("toy",), names={"toy": ()}, imported={"toy": ("Trainer", "np")})
+    releases = [
+        MeasuredRelease(entry=ReleaseEntry(version=version, read=True), facts=facts)
+        for version, facts in (("1.0", own), ("2.0", moved), ("3.0", ReleaseFacts(modules=("toy",), names={"toy": ()})))
+    ]
+    made = history(*releases)
+    assert made.spans("names", "toy", "Trainer") == [[0, 1]]
+    assert made.spans("names", "toy", "np") is None
+
+
+def test_a_module_that_makes_names_as_it_runs_has_none() -> None:
+    """They would seem to go where a release begins to make them so; importing a release shows them."""
+    plain = ReleaseFacts(modules=("toy",), names={"toy": ("BOX",)})
+    dynamic = ReleaseFacts(modules=("toy",), names={"toy": ()}, dynamic=("toy",))
+    first = MeasuredRelease(entry=ReleaseEntry(version="1.0", read=True), facts=plain)
+    entry = ReleaseEntry(version="2.0", read=True)
+    unseen = history(first, MeasuredRelease(entry=entry, facts=dynamic))
+    assert unseen.spans("names", "toy", "BOX") is None
+    seen = history(first, MeasuredRelease(entry=entry, facts=dynamic, ran=ReleaseFacts(names={"toy": ("BOX",)})))
+    assert seen.spans("names", "toy", "BOX") == [[0, 1]]
+
+
 def test_a_file_of_another_form_is_no_history() -> None:
     """A newer harness may have written it."""
     plain = gzip.decompress(encode(fold("toy", FOUR)))

@@ -1,0 +1,27 @@
+"""The plan of what is read: which releases of a package."""
+
+from __future__ import annotations
+
+from harness.history import making, package_plan
+from harness.history.package_plan import first_and_last
+
+VERSIONS = ["0.9", "0.10.0", "0.10.1", "0.10.2", "1.0.0", "1.0.0.post1", "1!1.0", "2.1.0", "2.3.0", "2.3.1"]
+
+
+def test_of_each_minor_version_the_first_and_the_last_are_read() -> None:
+    """A minor version with one release has that one; an epoch is another version."""
+    kept = ["0.9", "0.10.0", "0.10.2", "1.0.0", "1.0.0.post1", "1!1.0", "2.1.0", "2.3.0", "2.3.1"]
+    assert first_and_last(VERSIONS, parts=2) == kept
+
+
+def test_of_each_major_version_the_first_and_the_last_are_read() -> None:
+    """Packages with hundreds of minor versions are read so."""
+    assert first_and_last(VERSIONS, parts=1) == ["0.9", "0.10.2", "1.0.0", "1.0.0.post1", "1!1.0", "2.1.0", "2.3.1"]
+
+
+def test_the_plan_of_the_histories_can_be_read() -> None:
+    """Each package has its way of reading, and those that are searched are among them."""
+    plan = package_plan.load(making.PLAN)
+    assert {*plan.searched} <= {*plan.packages}
+    assert {package.each for package in plan.all_packages().values()} <= {"newest", "release", *package_plan.PARTS}
+    assert not {*plan.listed} & {*plan.packages}
