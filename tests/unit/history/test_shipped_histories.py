@@ -14,6 +14,9 @@ PACKAGES = [*package_plan.load(making.PLAN).all_packages()]
 MOST_BYTES = 150_000
 """Bytes of one file, compressed: about 40 ms to read."""
 
+LEAST_NAMES = 400
+"""Names of the smallest of the main packages, over all releases."""
+
 MOST_BYTES_OF_ALL = 6 << 20
 
 FACTS = [
@@ -47,6 +50,14 @@ def test_each_package_of_the_plan_has_a_history(package: str) -> None:
     assert read
     assert history.modules
     assert all({place for span in spans for place in span} <= {*read} for spans in history.modules.values())
+
+
+@pytest.mark.parametrize("package", package_plan.load(making.PLAN).main)
+def test_the_main_packages_have_names(package: str) -> None:
+    """Of the twelve packages that most errors are about, names are read and not only modules."""
+    history = load_shipped(package)
+    assert history is not None
+    assert sum(map(len, history.plain["names"].values())) > LEAST_NAMES
 
 
 def test_the_histories_are_small() -> None:
