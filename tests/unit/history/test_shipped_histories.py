@@ -52,7 +52,7 @@ def test_each_package_of_the_plan_has_a_history(package: str) -> None:
     assert all({place for span in spans for place in span} <= {*read} for spans in history.modules.values())
 
 
-@pytest.mark.parametrize("package", package_plan.load(making.PLAN).main)
+@pytest.mark.parametrize("package", package_plan.load(making.PLAN).searched)
 def test_the_main_packages_have_names(package: str) -> None:
     """Of the twelve packages that most errors are about, names are read and not only modules."""
     history = load_shipped(package)
