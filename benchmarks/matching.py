@@ -8,6 +8,7 @@ two sides in turn. `explain` is a process of its own, on a line and on logs of 5
 from __future__ import annotations
 
 import argparse
+import os
 import platform
 import statistics
 import subprocess
@@ -77,7 +78,8 @@ def _answers(runs: int) -> str:
         for what, line in texts.items():
             file.write_text(line or _long_log(often="50 lines" in what))
             rows.append(_answer_row(what, file, runs))
-    head = "\n`explain FILE`, medians from the start of the process:\n\n"
+    load = f"{os.getloadavg()[0]:.0f} on {os.cpu_count()} processors"
+    head = f"\n`explain FILE`, medians from the start of the process; the machine's load was {load}:\n\n"
     return head + "| text | seconds | seconds of processor | memory |\n| --- | --- | --- | --- |\n" + "".join(rows)
 
 
