@@ -86,10 +86,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     texts = tomllib.loads(NONE.read_text(encoding="utf-8"))["text"]
     shipped = signatures()
     accused = [text for text in texts if explain_text(text["text"], shipped, FACTS).causes]
-    opened, more = list(_answers(is_aside=False)), list(_explained(MORE))
+    opened, more = list(answers(is_aside=False)), list(_explained(MORE))
     parts = [HEAD, _figures("open half", opened), _figures("further lines", more)]
     if args.set_aside:
-        parts.append(_figures("half set aside", list(_answers(is_aside=True))))
+        parts.append(_figures("half set aside", list(answers(is_aside=True))))
     parts.append(f"{len(accused)} of {len(texts)} texts that are no such failure are blamed on a package.\n")
     print("\n".join(parts[1:]))
     details = [*(_accusation(text) for text in accused), *map(_detail, opened)]
@@ -136,7 +136,8 @@ def _speaks_of(package: str, words: str) -> bool:
     return re.search(rf"(?<![\w-]){pattern}(?![\w-])", words, re.IGNORECASE) is not None
 
 
-def _answers(*, is_aside: bool) -> Iterator[Answer]:
+def answers(*, is_aside: bool) -> Iterator[Answer]:
+    """Explain the lines of the half that is set aside, or of the other one."""
     return _explained(LINES, lambda line: is_set_aside(line["id"]) == is_aside)
 
 
