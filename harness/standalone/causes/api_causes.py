@@ -162,7 +162,7 @@ def _member(line: str, scene: Scene) -> Answers:
         paths = [path for path, _ in _members(history) if path.rpartition(".")[2] == owner]
         having = [history.spans("members", path, name) for path in paths]
         spans = max((item for item in having if item), key=len, default=None)
-        if spans and len(paths) <= 3:
+        if spans and len(paths) <= 3 and scene.is_tied(owner, name, history.package):
             yield "`{}.{}`".format(owner, name), where(history, spans, scene)
 
 

@@ -103,6 +103,8 @@ def _fitting(call: Call, scene: Scene) -> Iterator[Tuple[History, Availability]]
     for history in (each for kind in kinds for each in spoken_of(scene, call.function, kind, call.word)):
         if scene.is_pasted and "." not in call.function and not _tied(call.word, scene, history):
             continue
+        if not scene.is_tied(call.function.split(".")[-2] if "." in call.function else "", call.word, history.package):
+            continue
         answers: List[Availability] = []
         for path, texts in history.plain.get("signatures", {}).items():
             if path.endswith("." + call.function):

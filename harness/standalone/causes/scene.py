@@ -17,6 +17,16 @@ FRAME = r"(?:site|dist)-packages[/\\](\w+)[/\\.]"
 SOURCE = r'^ *File "([^"]+)", line \d+, in (\S+)(?:\n +(.+))?'
 
 
+RARE = 8
+"""Letters of a word with an underscore that nobody's own class has by accident."""
+
+EVERYBODYS = frozenset(
+    "Actor Agent Buffer Config Controller Critic Dataset Decoder Encoder Game Logger Memory Model Net Network Node"
+    " Player Policy ReplayBuffer Robot Runner Sampler State Task Trainer Worker Wrapper".split()
+)
+"""Names of classes that users give to their own, too."""
+
+
 class Cause(NamedTuple):
     """A derived cause: the package or file at fault, one or two sentences, and the remedy as documents hold it."""
 
@@ -85,6 +95,13 @@ class Scene(NamedTuple):
         return any(
             re.search(r"(?<![A-Za-z0-9])" + re.escape(name) + r"(?![A-Za-z0-9])", self.failure.text, re.IGNORECASE)
             for name in names
+        )
+
+    def is_tied(self, owner: str, word: str, package: str) -> bool:
+        """Return whether a class and a word of it mean a package: anybody may have written a class of a usual name."""
+        rare = len(word) > RARE and "_" in word
+        return (
+            rare or owner not in EVERYBODYS or not self.is_pasted or self.speaks_of(package, package.replace("-", "_"))
         )
 
     def history(self, package: str) -> Optional[History]:
