@@ -124,8 +124,8 @@ def page(cures: Sequence[Cure]) -> str:
         "# Ten lines cured by the command of their answer",
         "",
         f"Made by `python -m benchmarks.cures` on {day}, {platform.system()} {platform.machine()}, from"
-        " [cures.toml](cures.toml): in each environment a program fails with the line, `simmatrix explain -- COMMAND` is"
-        " asked, the command that it prints is run as it stands, and the program runs again.",
+        " [cures.toml](cures.toml): in each environment a program fails with the line, `simmatrix explain -- COMMAND`"
+        " is asked, the command that it prints is run as it stands, and the program runs again.",
         "An environment of conda's is a virtual environment with conda's folder of records: no conda could be had.",
         "",
         "| line | environment | command that was printed | cured |",

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Iterator
-
-from harness.standalone import wrapping
 
 COMMAND = "simmatrix "
 
@@ -21,4 +20,8 @@ def wrap_labelled(lines: Iterable[str], columns: int | None, width: int) -> Iter
         if is_command or columns is None or len(line) <= columns:
             yield line
         else:
-            yield from wrapping.wrap(line, columns, width)
+            # A package, a path or an option has to be copied whole.
+            below = " " * width
+            yield from textwrap.wrap(
+                line, columns, subsequent_indent=below, break_long_words=False, break_on_hyphens=False
+            )

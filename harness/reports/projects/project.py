@@ -101,7 +101,7 @@ def read_files(paths: Sequence[Path], extras: Sequence[str], groups: Sequence[st
             texts.setdefault(canonicalize_name(requirement.name), []).append(requirement)
     # A pyproject.toml may be there for tools alone.
     if not texts and not unjudged and all(path.suffix != ".toml" for path in paths):
-        message = f"{source}: asks for no package"
+        message = f"{source}: names no package"
         raise BadInput(message)
     constraints = _bounds(given.constraints, variables)
     overrides = _bounds(given.overrides, variables)
