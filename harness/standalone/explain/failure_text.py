@@ -49,9 +49,13 @@ class Failure(NamedTuple):
     last: str
 
 
+OPTIONAL = re.compile(r"^Failed to import (?:mujoco_)?warp: No module named .*\n?", re.MULTILINE)
+"""A line that MuJoCo's MJX prints where Warp, which it can do without, is not installed."""
+
+
 def read_failure(text: str, *, surely: bool = False) -> Failure:
     """Read a text and return its failure; `surely` means that something is known to have failed."""
-    text = unify_tracebacks(strip_ansi(text))
+    text = OPTIONAL.sub("", unify_tracebacks(strip_ansi(text)))
     lines = _without_ignored(text.splitlines())
     text, whole = "\n".join(lines), text
     picked = list(_tracebacks(lines))
@@ -112,12 +116,8 @@ def _separate_output(lines: Sequence[str]) -> Iterator[str]:
         yield line
 
 
-OPTIONAL = re.compile(r"^Failed to import (?:mujoco_)?warp: No module named ")
-"""A line that MuJoCo's MJX prints where Warp, which it can do without, is not installed."""
-
-
 def _without_ignored(lines: Sequence[str]) -> List[str]:
-    """Return the lines without exceptions that Python or a library ignored: they stopped nothing."""
+    """Return the lines without exceptions that Python ignored: they stopped nothing."""
     remaining_lines: List[str] = []
     ignored = False
     for line in lines:
@@ -125,7 +125,7 @@ def _without_ignored(lines: Sequence[str]) -> List[str]:
             ignored = True
         elif ignored and not (line.startswith((" ", "Traceback")) or EXCEPTION.match(line)):
             ignored = False
-        remaining_lines += [] if ignored or OPTIONAL.match(line) else [line]
+        remaining_lines += [] if ignored else [line]
         ignored = ignored and not (EXCEPTION.match(line) and not line.startswith(("Exception ignored", "Traceback")))
     return remaining_lines
 
