@@ -227,7 +227,8 @@ class CellResult:
     @cached_property
     def counted_versions(self) -> dict[str, str]:
         """Return the versions of the packages that decide how the cell ends: its subjects, and what they stand on."""
-        names = self.subjects | {name for name in self.exercised if weight(name)}
+        # What a cell would have run, had it come so far, is not known: then all that was installed counts.
+        names = self.subjects | {name for name in self.exercised or self.pins if weight(name)}
         return {name: held for name in sorted(names) if (held := self.version(name))}
 
     @property

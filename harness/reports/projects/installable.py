@@ -17,13 +17,13 @@ from harness.standalone.versions import specifiers, unsatisfiable, version
 class InstallAnswer(msgspec.Struct, frozen=True, kw_only=True):
     """An answer whether releases can be installed; None where that is not on record.
 
-    `blockers` are requirements of packages that stay, `moves` are other packages that have to change with them.
+    `blockers` are requirements of packages that stay, `pulled` has the versions that other packages must have then.
     """
 
     possible: bool | None
     text: str
     blockers: tuple[str, ...] = ()
-    moves: tuple[str, ...] = ()
+    pulled: dict[str, str] = {}
 
 
 class Requirements:
@@ -41,7 +41,7 @@ class Requirements:
     def answer(self, after: Project, targets: Mapping[str, str]) -> InstallAnswer:
         """Return whether the `targets` (versions by name) can be installed; `after` is the project with them."""
         blockers = [*self._kept_out(targets), *_unfit(self.project, targets)]
-        moves: dict[str, str] = {}
+        pulled: dict[str, str] = {}
         for name, release in targets.items():
             for each in _requirements_of(name, release, self.variables, _extras(after, name)):
                 if each.name in targets:
@@ -50,15 +50,16 @@ class Requirements:
                     continue
                 declared = after.packages.get(each.name)
                 if declared and declared.pinned and not each.specifiers.admits(declared.pinned):
-                    moves[each.name] = f"{each.name}{each.specifiers} (now {declared.pinned})"
+                    pulled[each.name] = str(each.specifiers)
                     blockers += self._torn(f"{name} {release}", each, targets)
         if blockers:
             return InstallAnswer(possible=False, text=f"no: {blockers[0]}", blockers=tuple(blockers))
         unknown = [name for name in targets if _release(load_shipped(name), targets[name]) is None]
         if unknown:
             return InstallAnswer(possible=None, text=f"not on record: what {' and '.join(unknown)} requires")
-        with_it = f", and moves {', '.join(moves.values())}" if moves else ""
-        return InstallAnswer(possible=True, text=f"yes{with_it}", moves=tuple(moves.values()))
+        words = [f"{name}{versions} (now {after.packages[name].pinned})" for name, versions in pulled.items()]
+        with_it = f", and moves {', '.join(words)}" if words else ""
+        return InstallAnswer(possible=True, text=f"yes{with_it}", pulled=pulled)
 
     def _kept_out(self, targets: Mapping[str, str]) -> Iterator[str]:
         """Yield the requirements of packages that stay which a target does not meet."""

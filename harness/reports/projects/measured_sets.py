@@ -128,11 +128,12 @@ def _differs(name: str, held: str, project: Project, result: CellResult) -> bool
         return False
     pinned = project.packages[name].pinned
     return not (
-        not is_heavy(name) and pinned and is_version(pinned) and _generation(name, pinned) == _generation(name, public)
+        not is_heavy(name) and pinned and is_version(pinned) and generation(name, pinned) == generation(name, public)
     )
 
 
-def _generation(name: str, text: str) -> tuple[int, ...]:
+def generation(name: str, text: str) -> tuple[int, ...]:
+    """Return the numbers of a version within which a light package seldom breaks others."""
     numbers: tuple[int, ...] = version(text).release
     fine = name == NUMPY and numbers[0] < NUMPY_MINORS
     return numbers[:2] if fine else numbers[:1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import msgspec
@@ -10,7 +10,7 @@ import msgspec
 from harness.model.measured import Measured, ReleaseSeries
 from harness.model.vocabulary import parsed_requirement
 from harness.reports.answers import measured_cells
-from harness.reports.answers.measured_cells import CellResult
+from harness.reports.answers.measured_cells import CellResult, is_heavy
 from harness.reports.projects import changes, installable, measured_sets
 from harness.reports.projects.changes import TaskChange
 from harness.reports.projects.installable import InstallAnswer, Requirements
@@ -23,11 +23,15 @@ from harness.standalone.versions import is_version, specifiers, version
 
 
 class Move(msgspec.Struct, frozen=True, kw_only=True):
-    """A package that moves: `now` is the version at hand, None if it is not there or not pinned."""
+    """A package that moves: `now` is the version at hand, None if it is not there or not pinned.
+
+    With `pulled` a resolver moves it, since another one that moves requires that: to the newest release that fits.
+    """
 
     name: str
     now: str | None
     then: str
+    pulled: bool = False
 
 
 class RunningTask(msgspec.Struct, frozen=True, kw_only=True):
@@ -89,6 +93,10 @@ def upgrade(
     """Return everything that is known of an upgrade; `env` limits it to one environment."""
     cells = measured_cells.read(measured)
     targets = {move.name: move.then for move in moves}
+    requirements = installable.Requirements(project)
+    install = requirements.answer(with_versions(project, targets), targets)
+    asked_for, moves = moves, [*moves, *_pulled(install, project, measured)]
+    targets = {move.name: move.then for move in moves}
     after = with_versions(project, targets)
     running, concerned = _running(cells, project, after, targets, env)
     kinds = [
@@ -96,18 +104,17 @@ def upgrade(
         for pictures in (False, True)
     ]
     behaviour, pictures = (_sameness(series, after, moves, concerned) for series in kinds)
-    requirements = installable.Requirements(project)
     unchanging = _Unchanging(project, cells, kinds, requirements)
     return Upgraded(
         source=project.source,
         python=project.python,
         moves=tuple(moves),
-        install=requirements.answer(after, targets),
+        install=install,
         tasks=tuple(sorted(concerned)),
         running=tuple(running),
         behaviour=behaviour,
         pictures=pictures,
-        unchanging={move.name: unchanging.newest(move, env) for move in moves},
+        unchanging={move.name: unchanging.newest(move, env) for move in asked_for},
         command=tuple(command),
     )
 
@@ -141,6 +148,15 @@ def target(text: str, project: Project, measured: Measured) -> Move:
         raise ValueError(message)
     then = max(releases, key=version) if releases else pins[0]
     return Move(name=name, now=_now(now, name, measured, project), then=then)
+
+
+def _pulled(install: InstallAnswer, project: Project, measured: Measured) -> Iterator[Move]:
+    """Yield the packages that have to move, too, each to the newest release that fits: so a resolver does."""
+    for name, versions in install.pulled.items():
+        admits = specifiers(versions).admits
+        releases = [release for release in _releases(name, project, measured) if admits(release)]
+        if releases:
+            yield Move(name=name, now=project.packages[name].pinned, then=max(releases, key=version), pulled=True)
 
 
 def _now(declared: Declared | None, name: str, measured: Measured, project: Project) -> str | None:
@@ -216,22 +232,40 @@ def _names(results: Iterable[CellResult], project: Project, targets: Iterable[st
 def _tasks_with(
     results: Sequence[CellResult], after: Project, targets: Mapping[str, str], env: str | None
 ) -> list[RunningTask]:
-    """Return the environments that were run with the targets, on the Python of a project where there are any."""
-    having = [result for result in results if all(_public(result, name) in {"", targets[name]} for name in targets)]
-    fitting = [result for result in having if measured_sets.fits(result, after)]
-    fitting = fitting or [result for result in having if measured_sets.fits(result, after, any_python=True)]
-    return [
-        RunningTask(
-            env=task.env,
-            works=task.works,
-            cell=task.result.cell.id,
-            python=task.result.python,
-            line=None if task.works else task.line,
-            other_versions={name: there for name, (_, there) in measured_sets.differences(task.result, after).items()},
-        )
-        for task in measured_sets.tasks(fitting, after, env).values()
-        if _uses(task, targets)
-    ]
+    """Return the environments that were run with the targets, on the Python of a project where there are any.
+
+    Where none was run with a release of a light package, another one of its generation may stand for it.
+    """
+    for exactly in (True, False):
+        having = [result for result in results if _has_all(result, targets, exactly=exactly)]
+        fitting = [result for result in having if measured_sets.fits(result, after)]
+        fitting = fitting or [result for result in having if measured_sets.fits(result, after, any_python=True)]
+        tasks = [task for task in measured_sets.tasks(fitting, after, env).values() if _uses(task, targets)]
+        if tasks:
+            return [_describe(task, after) for task in tasks]
+    return []
+
+
+def _describe(task: Task, after: Project) -> RunningTask:
+    return RunningTask(
+        env=task.env,
+        works=task.works,
+        cell=task.result.cell.id,
+        python=task.result.python,
+        line=None if task.works else task.line,
+        other_versions={name: there for name, (_, there) in measured_sets.differences(task.result, after).items()},
+    )
+
+
+def _has_all(result: CellResult, targets: Mapping[str, str], *, exactly: bool) -> bool:
+    """Return whether a cell has these releases, or lacks the packages."""
+    for name, release in targets.items():
+        held = _public(result, name)
+        if held in {"", release}:
+            continue
+        if exactly or is_heavy(name) or measured_sets.generation(name, held) != measured_sets.generation(name, release):
+            return False
+    return True
 
 
 def _public(result: CellResult, name: str) -> str:
@@ -243,7 +277,7 @@ def _uses(task: Task, targets: Iterable[str]) -> bool:
     """Return whether an environment runs a package that moves; where that was not noted, whether its cell names one."""
     cell = task.result.cell
     case = next(case for case in cell.cases if case.env and bare(case.env, case.api) == task.env)
-    unnoted = {package_of_api(case.api)} if cell.source else task.result.subjects
+    unnoted = {package_of_api(case.api)} if cell.source else task.result.subjects | task.result.pins.keys()
     return bool({*(case.exercised or unnoted)} & {*targets})
 
 

@@ -18,7 +18,8 @@ WIDTH = 10
 def lines(document: Upgraded, *, whole: bool = False) -> Iterator[str]:
     """Yield the lines; `whole` names every environment."""
     most = 1_000 if whole else NAMED
-    moves = ", ".join(f"{move.name} {move.now or 'none'} to {move.then}" for move in document.moves)
+    named = [(f"{move.name} {move.now or 'none'} to {move.then}", move.pulled) for move in document.moves]
+    moves = ", ".join(f"{'and with it ' if pulled else ''}{text}" for text, pulled in named)
     yield f"{moves} in {document.source}"
     yield _labelled("install", document.install.text)
     yield from (_labelled("", text) for text in document.install.blockers[1:most])

@@ -222,3 +222,24 @@ def test_the_answer_in_words(capsys: pytest.CaptureFixture[str], fresh: Path) ->
     labels = [line.split()[0] for line in lines if line[:1].strip()]
     assert labels == ["mujoco", "install", "run", "behave", "pictures", "newest"]
     assert lines[-1].strip().endswith("mujoco==3.5.0")
+
+
+def test_a_package_that_is_pulled_along(capsys: pytest.CaptureFixture[str], fresh: Path) -> None:
+    """dm-control 1.0.50 requires MuJoCo 3.17 or newer: a resolver takes 4.0.0, with which its tasks fail."""
+    name = written(fresh, "dm-control==1.0.28\nmujoco==3.3.0\n")
+    code, document = upgrade(capsys, "dm-control==1.0.50", "-r", name)
+
+    (pulled,) = [move for move in document["moves"] if move["pulled"]]
+    assert (code, pulled["name"], document["install"]["pulled"]) == (1, "mujoco", {"mujoco": ">=3.17.0"})
+    fails = {task["env"]: task["line"] for task in document["running"] if not task["works"]}
+    assert "flex_vertedge" in fails["cheetah/run"]
+
+
+def test_numpy_2_beside_gym(capsys: pytest.CaptureFixture[str], fresh: Path) -> None:
+    """No cell has gym 0.26.2 with the newest NumPy; those with another NumPy 2 stand for it, and fail."""
+    code, document = upgrade(capsys, "numpy", "-r", written(fresh, "gym==0.26.2\nnumpy==1.26.4\n"))
+
+    fails = [task for task in document["running"] if not task["works"]]
+    assert code == 1
+    assert fails
+    assert all("bool8" in task["line"] and task["other_versions"]["numpy"].startswith("2.") for task in fails)
