@@ -12,8 +12,8 @@ from packaging.version import InvalidVersion, Version
 from harness.commands import environment_at_hand
 from harness.model.errors import BadInput, CouldNotTell
 from harness.reports.answers import result_index
-from harness.reports.projects import checked, checked_text, project, unknown_names
-from harness.reports.projects.checked import CheckedFiles
+from harness.reports.projects import check_document, checked, checked_text, project, unknown_names
+from harness.reports.projects.check_document import CheckedFiles
 from harness.reports.projects.labelled_lines import wrap_labelled
 from harness.standalone import wrapping
 from harness.standalone.output import print_json
@@ -37,17 +37,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--python", metavar="V|PATH", help="the Python of the files; or an environment to check")
     parser.add_argument("--env", metavar="ID", help="only this environment, such as Ant-v5")
     parser.add_argument("--each", action="store_true", help="check every file for itself, not all together")
-    parser.add_argument("--fail-on", type=_kinds, default=checked.FAIL_ON, metavar="KINDS",
-                        help=f"comma-separated, of {', '.join(checked.FAIL_ON)} [all]")  # fmt: skip
+    parser.add_argument("--fail-on", type=_kinds, default=check_document.FAIL_ON, metavar="KINDS",
+                        help=f"comma-separated, of {', '.join(check_document.FAIL_ON)} [all]")  # fmt: skip
     parser.add_argument("--all", action="store_true", help="show every finding")
     parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
 
 
 def _kinds(text: str) -> tuple[str, ...]:
     kinds = tuple(name.strip() for name in text.split(",") if name.strip())
-    unknown = [kind for kind in kinds if kind not in checked.FAIL_ON]
+    unknown = [kind for kind in kinds if kind not in check_document.FAIL_ON]
     if unknown or not kinds:
-        message = f"{(unknown or [text])[0]!r} is none of {', '.join(checked.FAIL_ON)}"
+        message = f"{(unknown or [text])[0]!r} is none of {', '.join(check_document.FAIL_ON)}"
         raise argparse.ArgumentTypeError(message)
     return kinds
 
@@ -64,7 +64,7 @@ def main(args: argparse.Namespace) -> int:
         most = None if args.all else MOST
         texts = [line for document in documents for line in checked_text.lines(document, most)]
         print("\n".join(wrap_labelled(texts, wrapping.width(sys.stdout), checked_text.WIDTH)))
-    codes = {checked.exit_code(document, args.fail_on) for document in documents}
+    codes = {check_document.exit_code(document, args.fail_on) for document in documents}
     return 1 if 1 in codes else CouldNotTell.exit_code if CouldNotTell.exit_code in codes else 0
 
 

@@ -13,11 +13,11 @@ from harness.commands import environment_at_hand
 from harness.model.errors import BadInput
 from harness.model.measured import Measured
 from harness.reports.answers import result_index
-from harness.reports.projects import project, unknown_names, upgraded, upgraded_text
+from harness.reports.projects import project, unknown_names, upgrade_document, upgraded, upgraded_text
 from harness.reports.projects.labelled_lines import wrap_labelled
 from harness.reports.projects.project import Project
 from harness.reports.projects.tried_task import TriedTask
-from harness.reports.projects.upgraded import Move, Upgraded
+from harness.reports.projects.upgrade_document import Move, Upgraded
 from harness.standalone import wrapping
 from harness.standalone.explain.api_history import load_shipped
 from harness.standalone.installing import installer
@@ -65,7 +65,7 @@ def main(args: argparse.Namespace) -> int:
     else:
         texts = [*upgraded_text.lines(document, whole=args.all), *upgraded_text.tried_lines(document)]
         print("\n".join(wrap_labelled(texts, wrapping.width(sys.stdout), upgraded_text.WIDTH)))
-    return upgraded.exit_code(document)
+    return upgrade_document.exit_code(document)
 
 
 def _tried(here: Project, document: Upgraded, args: argparse.Namespace) -> list[TriedTask]:

@@ -4,12 +4,14 @@ A project is requirement files, or an environment at hand. Nothing is installed 
 """
 
 __all__ = [
+    "check_document",
     "checked",
     "checked_text",
     "labelled_lines",
     "project",
     "tried_task",
     "unknown_names",
+    "upgrade_document",
     "upgraded",
     "upgraded_text",
 ]

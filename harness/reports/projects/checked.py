@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from enum import StrEnum
 
 import msgspec
 
@@ -16,6 +15,7 @@ from harness.reports.answers import measured_cells, traps
 from harness.reports.answers.measured_cells import CellResult, Query, Wanted
 from harness.reports.answers.traps import Red
 from harness.reports.projects import changes, measured_sets
+from harness.reports.projects.check_document import Checked, CheckFinding, Kind
 from harness.reports.projects.measured_sets import MeasuredSet, Task, bare
 from harness.reports.projects.project import Declared, Project
 from harness.running.signatures import issue_texts
@@ -24,66 +24,6 @@ from harness.standalone.versions import is_version, specifiers, version
 FEW = 3
 UPPER = frozenset({"<", "<=", "~=", "!="})
 """Operators by which a project keeps newer releases out; a pin is its own answer."""
-
-
-class Kind(StrEnum):
-    """The kind of a finding, the worst first."""
-
-    CONFLICT = "conflict"
-    BAD = "bad"
-    ADMITS = "admits"
-    CHANGES = "changes"
-    UNMEASURED = "unmeasured"
-    GOOD = "good"
-    EXCLUDES = "excludes"
-
-
-FAULTS = frozenset({Kind.BAD, Kind.ADMITS, Kind.CHANGES, Kind.CONFLICT})
-FAIL_ON = (Kind.CONFLICT, Kind.BAD, Kind.ADMITS, Kind.CHANGES, Kind.UNMEASURED)
-"""Kinds that an exit code may tell, all of them unless others are asked for."""
-
-
-class CheckFinding(msgspec.Struct, frozen=True, kw_only=True):
-    """A finding about some packages of a project.
-
-    `versions` are those measured, `cells` the measured combinations that show it, `causes` the known issues, `fix` what
-    helps against the first of them. `bound` is a requirement that avoids it, `next` a command that tells more.
-    """
-
-    kind: Kind
-    text: str
-    versions: dict[str, str] = {}
-    python: str | None = None
-    measured: str | None = None
-    line: str | None = None
-    cells: tuple[str, ...] = ()
-    causes: tuple[str, ...] = ()
-    fix: str | None = None
-    bound: str | None = None
-    next: str | None = None
-
-
-class Checked(msgspec.Struct, frozen=True, kw_only=True):
-    """The document of `check --json`.
-
-    `packages` are those that measured results concern, as requirements. `not_run` are packages that no case ran,
-    `unjudged` requirements that cannot be judged, each with the reason.
-    """
-
-    schema: int = 1
-    source: str
-    python: str | None
-    packages: tuple[str, ...]
-    findings: tuple[CheckFinding, ...]
-    not_run: tuple[str, ...]
-    unjudged: tuple[str, ...]
-
-
-class CheckedFiles(msgspec.Struct, frozen=True, kw_only=True):
-    """The document of `check --each --json`: every file by itself."""
-
-    schema: int = 1
-    files: tuple[Checked, ...]
 
 
 def check(measured: Measured, project: Project, env: str | None = None) -> Checked:
@@ -117,18 +57,6 @@ def _with_fixes(findings: Sequence[CheckFinding]) -> Iterator[CheckFinding]:
     for finding in findings:
         fix = next((fixes[cause] for cause in finding.causes if cause in fixes), None)
         yield msgspec.structs.replace(finding, fix=fix) if fix else finding
-
-
-def exit_code(document: Checked, fail_on: Collection[str] = FAIL_ON) -> int:
-    """Return 1 where something fails or may change, 3 where something was never measured, else 0.
-
-    Only the kinds in `fail_on` count.
-    """
-    kinds = {finding.kind for finding in document.findings}
-    if kinds & FAULTS & {*fail_on}:
-        return 1
-    unmeasured = Kind.UNMEASURED in kinds or Kind.GOOD not in kinds
-    return 3 if unmeasured and Kind.UNMEASURED in fail_on else 0
 
 
 # --- one set of packages ---------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterator
 
 from harness.model.report_types import first_few, format_count
-from harness.reports.projects.checked import FAULTS, Checked, CheckFinding, Kind
+from harness.reports.projects.check_document import FAULTS, Checked, CheckFinding, Kind
 from harness.reports.projects.labelled_lines import labelled
 
 NAMED = 6

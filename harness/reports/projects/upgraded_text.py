@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from harness.model.report_types import first_few
 from harness.reports.projects.changes import TaskChange
 from harness.reports.projects.labelled_lines import labelled
-from harness.reports.projects.upgraded import RunningTask, Sameness, Upgraded
+from harness.reports.projects.upgrade_document import RunningTask, Sameness, Upgraded
 from harness.standalone.versions import version
 
 NAMED = 4

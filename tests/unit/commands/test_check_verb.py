@@ -12,8 +12,8 @@ import pytest
 
 from harness.__main__ import main
 from harness.model.schema import json_schema
-from harness.reports.projects.checked import Checked, CheckedFiles
-from harness.reports.projects.upgraded import Upgraded
+from harness.reports.projects.check_document import Checked, CheckedFiles
+from harness.reports.projects.upgrade_document import Upgraded
 
 ENVIRONMENT = "lib/python3.11/site-packages"
 

@@ -12,11 +12,11 @@ from builders import measured_case, measured_cell
 
 from harness.model.measured import Measured, MeasuredCell, ReleaseSeries, SeriesStep
 from harness.reports.answers import digest
-from harness.reports.projects import checked, upgraded, upgraded_text
-from harness.reports.projects.checked import Checked, CheckFinding, Kind
+from harness.reports.projects import check_document, checked, upgrade_document, upgraded, upgraded_text
+from harness.reports.projects.check_document import Checked, CheckFinding, Kind
 from harness.reports.projects.project import Declared, Project
 from harness.reports.projects.tried_task import TriedTask
-from harness.reports.projects.upgraded import Move, Upgraded
+from harness.reports.projects.upgrade_document import Move, Upgraded
 from harness.standalone.versions import specifiers
 
 ALL = {"import": "passed", "single": "passed", "vector": "passed", "render": "passed"}
@@ -127,12 +127,12 @@ def test_pinned_versions_that_were_measured_are_good(world: World) -> None:
     cell = world.add("3.11", {"gymnasium": "1.2.0", "mujoco": "3.2.0", "numpy": "2.2.6"})
 
     document = world.check(project(mujoco="3.2.0"))
-    assert (kinds(document), checked.exit_code(document)) == ([Kind.GOOD], 0)
+    assert (kinds(document), check_document.exit_code(document)) == ([Kind.GOOD], 0)
     assert only(document, Kind.GOOD).cells == (cell,)
     assert document.findings[0].text == "gymnasium 1.2.0, mujoco 3.2.0 run 2 tasks: Ant-v5, Hopper-v5"
 
     other = world.check(project("3.12.1", mujoco="3.2.0"))
-    assert (kinds(other), checked.exit_code(other)) == ([Kind.UNMEASURED], 3)
+    assert (kinds(other), check_document.exit_code(other)) == ([Kind.UNMEASURED], 3)
     assert "nearest that works: gymnasium 1.2.0, mujoco 3.2.0 on Python 3.11" in other.findings[0].text
 
 
@@ -155,7 +155,7 @@ def test_pinned_versions_that_fail_are_bad(world: World) -> None:
     )
 
     document = world.check(project(mujoco="3.2.0"))
-    assert (kinds(document), checked.exit_code(document)) == ([Kind.BAD, Kind.GOOD], 1)
+    assert (kinds(document), check_document.exit_code(document)) == ([Kind.BAD, Kind.GOOD], 1)
     bad = only(document, Kind.BAD)
     assert bad.text.endswith("1 of 2 tasks fail: Hopper-v5")
     assert bad.line == "ValueError: no"
@@ -170,7 +170,7 @@ def test_a_range_that_admits_a_broken_release(world: World) -> None:
 
     document = world.check(project(mujoco=">=3.1"))
     admits = only(document, Kind.ADMITS)
-    assert (admits.bound, admits.line, checked.exit_code(document)) == ("mujoco<3.3.0", "ValueError: gone", 1)
+    assert (admits.bound, admits.line, check_document.exit_code(document)) == ("mujoco<3.3.0", "ValueError: gone", 1)
     assert only(document, Kind.GOOD).versions["mujoco"] == "3.2.0"
     assert kinds(world.check(project(mujoco=">=3.1,<3.3"))) == [Kind.GOOD]
 
@@ -182,7 +182,7 @@ def test_a_bound_that_keeps_out_what_works(world: World) -> None:
 
     document = world.check(project(mujoco="<3.2"))
     assert only(document, Kind.EXCLUDES).versions["mujoco"] == "3.3.0"
-    assert checked.exit_code(document) == 0
+    assert check_document.exit_code(document) == 0
 
 
 def test_a_range_across_a_boundary_of_behaviour(world: World) -> None:
@@ -195,7 +195,7 @@ def test_a_range_across_a_boundary_of_behaviour(world: World) -> None:
     document = world.check(project(mujoco=">=3.1"))
     crossing = only(document, Kind.CHANGES)
     assert "1 of 2 tasks behave otherwise: Ant-v5 (at 3.3.0)" in crossing.text
-    assert (crossing.bound, checked.exit_code(document)) == ("mujoco>=3.3.0", 1)
+    assert (crossing.bound, check_document.exit_code(document)) == ("mujoco>=3.3.0", 1)
     assert Kind.CHANGES not in kinds(world.check(project(mujoco=">=3.3")))
     assert Kind.CHANGES not in kinds(world.check(project(mujoco="3.3.0")))
 
@@ -224,7 +224,7 @@ def test_nothing_known_of_a_project(world: World) -> None:
     """A project of packages that were never run: exit code 3, and they are named."""
     document = world.check(project(wandb="0.1"))
 
-    assert (document.findings, checked.exit_code(document)) == ((), 3)
+    assert (document.findings, check_document.exit_code(document)) == ((), 3)
     assert document.not_run == ("gymnasium", "numpy", "wandb")
 
 
@@ -242,7 +242,7 @@ def test_an_upgrade_that_changes_nothing(world: World) -> None:
     assert {task.env for task in document.running if task.works} == {"Ant-v5", "Hopper-v5"} == {*document.tasks}
     assert document.behaviour.same == ("Ant-v5", "Hopper-v5")
     assert document.unchanging == {"mujoco": "3.3.0"}
-    assert upgraded.exit_code(document) == 0
+    assert upgrade_document.exit_code(document) == 0
 
 
 def test_an_upgrade_that_changes_the_physics(world: World) -> None:
@@ -255,7 +255,7 @@ def test_an_upgrade_that_changes_the_physics(world: World) -> None:
     document = world.upgrade(project(mujoco="3.1.0"), "mujoco==3.4.0")
     assert [(change.env, change.after) for change in document.behaviour.changed] == [("Ant-v5", "3.3.0")]
     assert document.behaviour.same == ("Hopper-v5",)
-    assert (document.unchanging, upgraded.exit_code(document)) == ({"mujoco": "3.2.0"}, 1)
+    assert (document.unchanging, upgrade_document.exit_code(document)) == ({"mujoco": "3.2.0"}, 1)
     text = "\n".join(upgraded_text.lines(document))
     assert "behave    1 of 2 tasks behave otherwise: Ant-v5" in text
     assert "at 3.3.0: Ant-v5; Ant-v5: moves otherwise in 40%" in text
@@ -271,7 +271,7 @@ def test_an_upgrade_that_changes_the_pictures_alone(world: World) -> None:
 
     document = world.upgrade(project(mujoco="3.1.0"), "mujoco==3.2.0")
     assert (document.behaviour.changing, document.pictures.changing) == ([], ["Ant-v5"])
-    assert upgraded.exit_code(document) == 1
+    assert upgrade_document.exit_code(document) == 1
 
 
 def test_an_upgrade_that_fails(world: World) -> None:
@@ -281,7 +281,7 @@ def test_an_upgrade_that_fails(world: World) -> None:
 
     document = world.upgrade(project(mujoco="3.1.0"), "mujoco==3.2.0")
     assert [(task.env, task.line) for task in document.running if not task.works] == [("Hopper-v5", "KeyError: x")]
-    assert upgraded.exit_code(document) == 1
+    assert upgrade_document.exit_code(document) == 1
     assert "not Hopper-v5: KeyError: x" in "\n".join(upgraded_text.lines(document))
 
 
@@ -290,13 +290,13 @@ def test_an_upgrade_that_was_never_measured(world: World) -> None:
     world.add("3.11", {"gymnasium": "1.2.0", "mujoco": "3.1.0", "numpy": "2.2.6"})
 
     document = world.upgrade(project(mujoco="3.1.0"), "mujoco==3.9.0", env="Ant-v5")
-    assert (document.running, document.tasks, upgraded.exit_code(document)) == ((), ("Ant-v5",), 3)
+    assert (document.running, document.tasks, upgrade_document.exit_code(document)) == ((), ("Ant-v5",), 3)
 
     tried = TriedTask(env="Ant-v5", runs_now=True, runs_then=True, line=None, behaves_otherwise=False, text="same")
     same = msgspec.structs.replace(document, tried=(tried,))
-    assert upgraded.exit_code(same) == 0
+    assert upgrade_document.exit_code(same) == 0
     other = msgspec.structs.replace(tried, behaves_otherwise=True)
-    assert upgraded.exit_code(msgspec.structs.replace(document, tried=(other,))) == 1
+    assert upgrade_document.exit_code(msgspec.structs.replace(document, tried=(other,))) == 1
 
 
 def test_a_release_between_two_alike_counts_as_they_do(world: World) -> None:
@@ -324,4 +324,4 @@ def test_a_package_that_keeps_the_release_out(world: World) -> None:
     document = upgraded.upgrade(world.measured, with_extra, [Move(name="mujoco", now="2.3.0", then="2.1.0")], (), None)
     assert document.install.possible is False
     assert document.install.blockers[0] == "gymnasium 0.29.1 asks for mujoco>=2.3.3"
-    assert upgraded.exit_code(document) == 1
+    assert upgrade_document.exit_code(document) == 1
