@@ -1,5 +1,6 @@
 """Requirement files as people have them, and what is asked for by each."""
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -365,6 +366,56 @@ class TestPylock:
             read([put("pylock.toml", 'lock-version = "1.0"\ncreated-by = "x"\n[[packages]]\nname = 1')])
 
         assert str(raised.value) == "pylock.toml: Unexpected type int (expected str) in 'packages[0].name'"
+
+
+UV_LOCK = """\
+version = 1
+requires-python = ">=3.11"
+
+[[package]]
+name = "mujoco"
+version = "3.3.7"
+source = { registry = "https://x.test/simple" }
+
+[[package]]
+name = "me"
+source = { editable = "." }
+
+[[package]]
+name = "lib"
+version = "1.0"
+source = { git = "https://x.test/lib" }
+
+[[package]]
+name = "numpy"
+version = "1.26.4"
+source = { registry = "https://x.test/simple" }
+resolution-markers = ["python_full_version < '3.12'"]
+
+[[package]]
+name = "numpy"
+version = "2.2.6"
+source = { registry = "https://x.test/simple" }
+resolution-markers = ["python_full_version >= '3.12'"]
+"""
+
+
+class TestUvLock:
+    def test_releases_are_pinned(self) -> None:
+        """The project stays out, what is no release is named with its line; of two versions one is for this Python."""
+        found = read([put("uv.lock", UV_LOCK)])
+
+        numpy = "1.26.4" if sys.version_info < (3, 12) else "2.2.6"
+        assert (found.requirements, found.python) == (("mujoco==3.3.7", f"numpy=={numpy}"), ">=3.11")
+        assert found.not_modelled == ("uv.lock:14: lib: it comes from an address, which no index knows",)
+        assert len(found.notes) == 1
+
+    def test_a_damaged_lock_is_refused(self) -> None:
+        """The message names the file and the key."""
+        with pytest.raises(BadInput) as raised:
+            read([put("uv.lock", "version = 1\n[[package]]\nname = 1\n")])
+
+        assert str(raised.value).startswith("uv.lock: ")
 
 
 class TestEnvironmentYml:
