@@ -72,7 +72,8 @@ def _of_set(each: MeasuredSet, project: Project, env: str | None) -> Iterator[Ch
     # A table tells the first failure of one task: it counts where no report has these versions.
     fitting = [result for result in fitting if not result.cell.source] or fitting
     if not _tasks_of(fitting, project, env) and all(map(_of_table, fitting)):
-        yield _unmeasured(each, project)
+        if any(result.works for result in each.cells):
+            yield _unmeasured(each, project)
         return
     good = [result for result in fitting if any(task.works for task in _tasks_of([result], project, env))]
     if _is_closed(project) and all(project.packages[name].pinned for name in each.names):
