@@ -89,8 +89,12 @@ def _attribute(line: str, scene: Scene) -> Answers:
     history = scene.history_with(module)
     if history is None:
         return
-    spans = history.spans("names", module, name) or history.spans("modules", "{}.{}".format(module, name))
-    yield "`{}.{}`".format(module, name), where(history, spans, scene)
+    spans = history.spans("names", module, name)
+    there = where(history, spans or history.spans("modules", "{}.{}".format(module, name)), scene)
+    # A module is no attribute until somebody imports it: then no release is too old.
+    is_known = history.spans("names", module) is not None
+    if spans or imported or not is_known or (there and there.too_new):
+        yield "`{}.{}`".format(module, name), there
 
 
 def _some_module(line: str, scene: Scene) -> Answers:

@@ -116,7 +116,9 @@ def _wanted(line: str, scene: Scene) -> Optional[Cause]:
 
 def _of_wheels(history: History, bound: str) -> Optional[Cause]:
     """Return for which Pythons a release has wheels for every system: the running Python is none of these."""
-    entry = next((each for each in history.plain["releases"] if bound == "=={}".format(each["version"])), {})
+    entry: Mapping[str, Any] = next(
+        (each for each in history.plain["releases"] if bound == "=={}".format(each["version"])), {}
+    )
     tags = entry.get("wheels", ())
     systems = [{"wheels": [tag for tag in tags if system in tag]} for system in ("linux", "macosx", "win_amd64")]
     pythons = sorted(set.intersection(*(set(minors(each)) for each in systems)))
