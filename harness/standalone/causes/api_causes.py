@@ -169,7 +169,10 @@ def _member(line: str, scene: Scene) -> Answers:
         places = {place for members in classes for each in members.values() for place in places_of(each)}
         if spans and len(classes) <= 3 and scene.is_tied(owner, name, history.package):
             among = sorted(places & set(history.read))
-            yield "`{}.{}`".format(owner, name), where(history, spans, scene, among)
+            there = where(history, spans, scene, among)
+            # A class that the newest release lacks, or has elsewhere, does not say that the installed one is older.
+            if there and (there.too_new or among[-1] == history.read[-1] or history.package in scene.versions):
+                yield "`{}.{}`".format(owner, name), there
 
 
 def _schema(line: str, scene: Scene) -> Answers:
