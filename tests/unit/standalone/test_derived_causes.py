@@ -22,6 +22,8 @@ GYM = History(
         "members": {
             "gym.core.Env": {"seed": [[0, 2]], "reset": [[0, 3]]},
             "gym.viewer.Viewer": {"finish": [[0, 1]], "close": [[0, 1]]},
+            "gym.past.Gone": {"start": [[0, 0]], "finish": [[1, 1]]},
+            "gym.core.GymWrapper": {"seed": [[0, 1]], "close": [[0, 3]]},
             "gym.old.Moved": {"stay": [[0, 1]]},
             "gym.new.Moved": {"stay": [[2, 3]]},
         },
@@ -68,6 +70,8 @@ def test_a_name_that_some_releases_have_leads_to_them(line: str, bound: str) -> 
         "AttributeError: module 'gym' has no attribute 'cli'",
         "AttributeError: 'Viewer' object has no attribute 'finish'",
         "AttributeError: 'Moved' object has no attribute 'stay'",
+        "AttributeError: 'Gone' object has no attribute 'finish'",
+        "AttributeError: 'GymWrapper' object has no attribute 'seed'",
         "AttributeError: 'MyAgent' object has no attribute 'seed'",
         "TypeError: MyEnv.reset() got an unexpected keyword argument 'seed'",
         "ModuleNotFoundError: No module named 'utils'",
