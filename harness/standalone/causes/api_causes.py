@@ -6,7 +6,7 @@ lies elsewhere, perhaps in the user's own code.
 
 from __future__ import annotations
 
-from typing import Any, Dict, Iterator, List, Optional, Tuple
+from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from ..explain.api_history import OF_IMPORT, Availability, History
 from ..explain.history_words import packages_with
@@ -89,8 +89,12 @@ def _attribute(line: str, scene: Scene) -> Answers:
     history = scene.history_with(module)
     if history is None:
         return
-    spans = history.spans("names", module, name) or history.spans("modules", "{}.{}".format(module, name))
-    yield "`{}.{}`".format(module, name), where(history, spans, scene)
+    spans = history.spans("names", module, name)
+    there = where(history, spans or history.spans("modules", "{}.{}".format(module, name)), scene)
+    # A module is no attribute until somebody imports it: then no release is too old.
+    is_known = history.spans("names", module) is not None
+    if spans or imported or not is_known or (there and there.too_new):
+        yield "`{}.{}`".format(module, name), there
 
 
 def _some_module(line: str, scene: Scene) -> Answers:
@@ -159,11 +163,16 @@ def _member(line: str, scene: Scene) -> Answers:
         return
     owner, name = match.group(1).rpartition(".")[2], match.group(2)
     for history in spoken_of(scene, match.group(1), "members", name):
-        paths = [path for path, _ in _members(history) if path.rpartition(".")[2] == owner]
-        having = [history.spans("members", path, name) for path in paths]
-        spans = max((item for item in having if item), key=len, default=None)
-        if spans and len(paths) <= 3 and scene.is_tied(owner, name, history.package):
-            yield "`{}.{}`".format(owner, name), where(history, spans, scene)
+        classes = [members for path, members in _members(history) if path.rpartition(".")[2] == owner]
+        # A class that moved lies at two paths, and only a release that has the class can lack a member of it.
+        spans = [span for members in classes for span in members.get(name, ())]
+        places = {place for members in classes for each in members.values() for place in places_of(each)}
+        if spans and len(classes) <= 3 and scene.is_tied(owner, name, history.package):
+            among = sorted(places & set(history.read))
+            there = where(history, spans, scene, among)
+            # A class that the newest release lacks, or has elsewhere, does not say that the installed one is older.
+            if there and (there.too_new or among[-1] == history.read[-1] or history.package in scene.versions):
+                yield "`{}.{}`".format(owner, name), there
 
 
 def _schema(line: str, scene: Scene) -> Answers:
@@ -251,6 +260,11 @@ def spoken_of(scene: Scene, name: str, kind: str, word: str) -> Iterator[History
             yield history
 
 
+def places_of(spans: Sequence[Any]) -> Iterator[int]:
+    """Yield the places of releases that spans cover."""
+    return (place for first, last in spans for place in range(first, last + 1))
+
+
 def where(history: History, spans: Any, scene: Scene, among: Optional[List[int]] = None) -> Optional[Availability]:
     """Return where a name with these spans is to be had, for the version that the text or the environment tells."""
     return history.where(spans, scene.versions.get(history.package), among)
@@ -263,11 +277,15 @@ def availability_cause(what: str, there: Availability, scene: Scene) -> Cause:
     elif there.first is None:
         text = "{} lacks {} since {}, and the installed release is newer".format(there.package, what, there.after)
     else:
-        side = "newer" if there.too_new else "older"
         text = "{} has {} from {} to {}, and the installed release is {}".format(
-            there.package, what, there.first, there.last, side
+            there.package, what, there.first, there.last, side(there)
         )
     return Cause(there.package, text + _asker(scene, there.package), requirement_remedy(there.bound))
+
+
+def side(there: Availability) -> str:
+    """Return on which side of the releases with a name the installed one is."""
+    return "older" if not there.too_new else "older or newer" if "," in there.bound else "newer"
 
 
 def _asker(scene: Scene, package: str) -> str:

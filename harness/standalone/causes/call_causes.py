@@ -6,7 +6,7 @@ import re
 from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from ..explain.api_history import Availability, History
-from .api_causes import spoken_of, where
+from .api_causes import places_of, side, spoken_of, where
 from .scene import DOTTED, QUOTE, WORD, Cause, Causes, Pattern, Scene, requirement_remedy
 
 UNEXPECTED = Pattern(
@@ -124,14 +124,10 @@ def _of_fields(history: History, call: Call, scene: Scene) -> List[Availability]
     answers = []
     for path, members in history.plain.get("members", {}).items():
         if path.rpartition(".")[2] == owner.rpartition(".")[2] and call.names in members:
-            places = sorted({place for spans in members.values() for place in _places(spans)} & set(history.read))
+            places = sorted({place for spans in members.values() for place in places_of(spans)} & set(history.read))
             there = where(history, members[call.names], scene, places)
             answers += [there] if there is not None else []
     return answers
-
-
-def _places(spans: Sequence[Any]) -> Iterator[int]:
-    return (place for first, last in spans for place in range(first, last + 1))
 
 
 def _tied(word: str, scene: Scene, history: History) -> bool:
@@ -179,8 +175,8 @@ def _words(call: Call, history: History, there: Availability) -> str:
         return "{} of {} {} since {}, and the installed release is older".format(
             name, history.package, call.what, there.first
         )
-    return "{} of {} {} before {} only, and the installed release is newer".format(
-        name, history.package, call.what, there.after
+    return "{} of {} {} before {} only, and the installed release is {}".format(
+        name, history.package, call.what, there.after, side(there)
     )
 
 

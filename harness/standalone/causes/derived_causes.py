@@ -43,6 +43,7 @@ RULES: Sequence[Tuple[Rule, bool]] = (
     (api_causes.wrapped, False),
     (api_causes.causes, False),
     (api_causes.misplaced, False),
+    (missing_files.shadowed, True),
     (api_causes.absent, True),
     (call_causes.causes, False),
 )

@@ -1,4 +1,4 @@
-"""Tell which package of Debian or conda-forge has a library, header or program that is missing."""
+"""Tell which package has a library, header or program that is missing, and which module is another file than meant."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any, Dict, Iterator, NamedTuple, Optional, Tuple
 
 from ..adapters import carried_file
 from ..explain.api_history import PLACES
+from .api_causes import ATTRIBUTE, places_of
 from .scene import Cause, Causes, Pattern, Scene
 
 LIBRARY = Pattern(
@@ -117,3 +118,24 @@ def _tables() -> Dict[str, Any]:
     content = next((one for one in contents if one is not None), None)
     tables: Dict[str, Any] = json.loads(gzip.decompress(content).decode("utf-8")) if content else {}
     return tables
+
+
+def shadowed(line: str, scene: Scene) -> Causes:
+    """Yield the cause that something else bears the name of a module, all of whose releases have what was asked for."""
+    match = ATTRIBUTE.search(line)
+    if match is None or "." in match.group(1) or "partially initialized" in line:
+        return
+    module, name = match.groups()
+    history = scene.history_with(module)
+    spans = history.spans("names", module, name) if history else None
+    if history is None or not spans or history.spans("modules", "{}.{}".format(module, name)):
+        return  # a module of its own may be missing while the package is being imported
+    if not set(history.read) <= set(places_of(spans)):
+        return
+    text = (
+        "every release of {} has `{}.{}`: what is imported as `{}` is another file, a folder, or a rest of it".format(
+            history.package, module, name, module
+        )
+    )
+    way = "`python -c 'import {0}; print({0})'` says what it is: rename it or go elsewhere, then install {1} anew."
+    yield Cause("file", text, {"text": way.format(module, history.package)})

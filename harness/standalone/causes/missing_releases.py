@@ -109,7 +109,27 @@ def _wanted(line: str, scene: Scene) -> Optional[Cause]:
     cause = _of_history(history, bound, scene.python) if history else None
     if cause is None and listed and bound:
         return _of_list(package, bound, listed, scene.python)
+    if cause is None and history and scene.python is None and "from versions: none" not in scene.failure.text:
+        return _of_wheels(history, bound)
     return cause
+
+
+def _of_wheels(history: History, bound: str) -> Optional[Cause]:
+    """Return for which Pythons a release has wheels for every system: the running Python is none of these."""
+    entry: Mapping[str, Any] = next(
+        (each for each in history.plain["releases"] if bound == "=={}".format(each["version"])), {}
+    )
+    tags = entry.get("wheels", ())
+    systems = [{"wheels": [tag for tag in tags if system in tag]} for system in ("linux", "macosx", "win_amd64")]
+    pythons = sorted(set.intersection(*(set(minors(each)) for each in systems)))
+    plain = all(re.match(r"cp3\d+-", tag) and "abi3" not in tag for tag in tags)
+    if entry.get("yanked") or not (pythons and plain) or len(pythons) <= pythons[-1] - pythons[0]:
+        return None
+    first, last = pythons[0], pythons[-1]
+    text = "{} {} exists, and its wheels are for Python 3.{} to 3.{}; pip finds none for the running Python".format(
+        history.package, entry["version"], first, last
+    )
+    return Cause("python", text, {"python": ">=3.{},<3.{}".format(first, last + 1)})
 
 
 def _listed(text: str) -> List[str]:

@@ -19,8 +19,14 @@ FORM = 2
 
 Spans = Sequence[Sequence[int]]
 
-OLD = "2020"
+OLD = "2021"
 """A name that was there before this year is hardly missing for want of a newer release, unless a version is known."""
+
+LATE = "2020"
+"""A name that came since this year may be missing for want of a newer release, even if later ones lost it again."""
+
+ANCIENT = "2017"
+"""Nobody runs a release from before this year: code that wants a name from then has another fault."""
 
 
 class Availability(NamedTuple):
@@ -103,8 +109,12 @@ class History:
             return None
         run = _last_run(having, considered) if here is None or too_new else _first_run(later, having, considered)
         first, last = run
+        if here is None and too_new and "" < self._uploaded(last) < ANCIENT:
+            return None
         after = next((place for place in considered if place > last), None)
-        bounds = [] if too_new and after is not None else [">={}".format(self.versions[first])]
+        # An unknown release may as well be older than the first with a name that came lately.
+        is_open = here is None and first != considered[0] and self._uploaded(first) >= LATE
+        bounds = [] if too_new and after is not None and not is_open else [">={}".format(self.versions[first])]
         if after is not None:
             bounds.append(self._upper_bound(last, after))
         return Availability(

@@ -69,6 +69,25 @@ def test_the_bound_leads_from_the_release_at_hand_to_the_name(
     assert (where and where.bound, where and where.too_new) == (bound, too_new)
 
 
+@pytest.mark.parametrize(
+    ("years", "bound"),
+    [
+        (("2018", "2021", "2022", "2024"), "toy>=0.10,<2.0"),
+        (("2014", "2018", "2019", "2024"), "toy<2.0"),
+        (("2014", "2015", "2016", "2024"), None),
+    ],
+)
+def test_an_unknown_release_may_be_on_either_side_of_a_name_that_came_lately(
+    years: tuple[str, ...], bound: str | None
+) -> None:
+    """A name of long ago is missing from newer releases alone, and one of very long ago accuses nobody."""
+    plain = {"package": "toy", "releases": []}
+    for version, year in zip(("0.9", "0.10", "1.0", "2.0"), years, strict=True):
+        plain["releases"].append({"version": version, "uploaded": year, "read": True})
+    where = History(plain).where([[1, 2]], None)
+    assert (where and where.bound) == bound
+
+
 def test_nothing_is_derived_of_what_all_releases_have_or_none() -> None:
     """The fault is then elsewhere."""
     made = history(*FOUR)

@@ -17,9 +17,16 @@ GYM = History(
             {"version": "0.26.0", "uploaded": "2022-09-01", "read": True, "sdist": True, "python": ">=3.7"},
         ],
         "ran": [[0, 3]],
-        "modules": {"gym": [[0, 3]], "gym.envs.robotics": [[0, 1]]},
+        "modules": {"gym": [[0, 3]], "gym.envs.robotics": [[0, 1]], "gym.cli": [[2, 3]]},
         "names": {"gym": {"make": [[0, 3]], "GoalEnv": [[0, 1]]}, "gym.wrappers": {"StepAPICompatibility": [[3, 3]]}},
-        "members": {"gym.core.Env": {"seed": [[0, 2]], "reset": [[0, 3]]}},
+        "members": {
+            "gym.core.Env": {"seed": [[0, 2]], "reset": [[0, 3]]},
+            "gym.viewer.Viewer": {"finish": [[0, 1]], "close": [[0, 1]]},
+            "gym.past.Gone": {"start": [[0, 0]], "finish": [[1, 1]]},
+            "gym.core.GymWrapper": {"seed": [[0, 1]], "close": [[0, 3]]},
+            "gym.old.Moved": {"stay": [[0, 1]]},
+            "gym.new.Moved": {"stay": [[2, 3]]},
+        },
         "signatures": {"gym.core.Env.reset": [[0, 1, "self"], [2, 3, "self, *, seed="]]},
         "environments": {"Hopper-v2": [[0, 3]], "Hopper-v4": [[3, 3]]},
     }
@@ -59,7 +66,12 @@ def test_a_name_that_some_releases_have_leads_to_them(line: str, bound: str) -> 
     "line",
     [
         "AttributeError: module 'gym' has no attribute 'maek'",
-        "AttributeError: module 'gym' has no attribute 'make'",
+        "AttributeError: partially initialized module 'gym' has no attribute 'make'",
+        "AttributeError: module 'gym' has no attribute 'cli'",
+        "AttributeError: 'Viewer' object has no attribute 'finish'",
+        "AttributeError: 'Moved' object has no attribute 'stay'",
+        "AttributeError: 'Gone' object has no attribute 'finish'",
+        "AttributeError: 'GymWrapper' object has no attribute 'seed'",
         "AttributeError: 'MyAgent' object has no attribute 'seed'",
         "TypeError: MyEnv.reset() got an unexpected keyword argument 'seed'",
         "ModuleNotFoundError: No module named 'utils'",
@@ -69,6 +81,54 @@ def test_a_name_that_some_releases_have_leads_to_them(line: str, bound: str) -> 
 def test_a_name_of_no_release_or_of_every_release_accuses_no_package(line: str) -> None:
     """The fault is then in the user's own code, or elsewhere."""
     assert explained(line) is None
+
+
+def test_a_name_of_every_release_is_missing_from_another_file_of_that_name() -> None:
+    """No package is accused: what was imported is not the package."""
+    cause = explained("AttributeError: module 'gym' has no attribute 'make'")
+    assert cause is not None
+    assert "every release of gym has `gym.make`" in cause[0]
+    assert cause[1] == ()
+
+
+WHEELS = History(
+    {
+        "package": "mujoco",
+        "releases": [
+            {
+                "version": version,
+                "sdist": True,
+                "python": ">=3.8",
+                "wheels": [tag.format(minor) for minor in minors for tag in tags],
+            }
+            for version, minors, tags in (
+                (
+                    "2.3.7",
+                    (8, 9, 10, 11),
+                    ("cp3{}-none-manylinux_x86_64", "cp3{}-none-macosx_arm64", "cp3{}-none-win_amd64"),
+                ),
+                ("2.3.6", (8, 9, 10, 11), ("cp3{}-none-manylinux_x86_64",)),
+                ("2.3.5", (8,), ("py3-none-any",)),
+            )
+        ],
+    }
+)
+
+
+@pytest.mark.parametrize(
+    ("line", "python"),
+    [
+        ("ERROR: No matching distribution found for mujoco==2.3.7", ">=3.8,<3.12"),
+        ("ERROR: No matching distribution found for mujoco==2.3.6", None),
+        ("ERROR: No matching distribution found for mujoco==2.3.5", None),
+        ("Could not find a version that satisfies the requirement mujoco==2.3.7 (from versions: none)", None),
+    ],
+)
+def test_a_release_with_wheels_for_every_system_was_wanted_for_another_python(line: str, python: str | None) -> None:
+    """A system without a wheel may be at fault itself, and no versions at all hint at the index."""
+    facts = Facts(history=lambda package: WHEELS if package == "mujoco" else None)
+    cause = explain_text(line, (), facts).cause
+    assert (cause and cause.signature.plain["remedy"].get("python")) == python
 
 
 def test_the_release_at_hand_decides_the_side() -> None:
