@@ -28,6 +28,7 @@ HERE = Path(__file__).parent
 LINES, NONE, JUDGED = HERE / "lines.toml", HERE / "lines-none.toml", HERE / "lines-judged.toml"
 MORE = HERE / "lines-more.toml"
 PAGE = HERE / "lines.md"
+PAGE_OF_ASIDE = HERE / "lines-set-aside.md"
 RIGHT, WRONG, SILENT, BY_HAND = "right", "wrong", "silent", "to judge by hand"
 FACTS = Facts(history=load_shipped)
 VERDICTS = (RIGHT, WRONG, SILENT, BY_HAND)
@@ -48,6 +49,13 @@ true of each. Half of the lines are set aside by a hash of their id. An answer i
 names the package that is at fault, and bounds it on the right side or names it as missing. Answers that a program
 cannot judge are judged by hand in [lines-judged.toml](lines-judged.toml). *Silent* names no cause, or leaves open which
 side is at fault.
+"""
+
+HEAD_OF_ASIDE = """# Single lines that no rule was written from
+
+Made by `python -m benchmarks.lines --set-aside`, once, when the rules were finished: the half of [lines.toml](lines.toml)
+that a hash set aside before the first run. What a program cannot judge was judged by hand afterwards. Whatever is mended
+for these lines from now on, this page stays as it is.
 """
 
 
@@ -89,7 +97,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     opened, more = list(answers(is_aside=False)), list(_explained(MORE))
     parts = [HEAD, _figures("open half", opened), _figures("further lines", more)]
     if args.set_aside:
-        parts.append(_figures("half set aside", list(answers(is_aside=True))))
+        figures = _figures("half set aside", list(answers(is_aside=True)))
+        print(figures)
+        PAGE_OF_ASIDE.write_text(f"{HEAD_OF_ASIDE}\n{figures}", encoding="utf-8")
     parts.append(f"{len(accused)} of {len(texts)} texts that are no such failure are blamed on a package.\n")
     print("\n".join(parts[1:]))
     details = [*(_accusation(text) for text in accused), *map(_detail, opened)]
