@@ -71,9 +71,9 @@ def cure(entry: Mapping[str, Any]) -> Cure:
         before = run(explain, folder)
         match = NEXT.search(before.stdout + before.stderr)
         command = match.group(1).strip() if match else ""
-        done = run(["bash", "-c", command], folder) if command else None
-        after = run([str(python), str(program)], folder)
-        is_cured = bool(before.returncode and done and not done.returncode and not after.returncode)
+        # In one shell, so that a variable that the command sets holds for the program.
+        after = run(["bash", "-c", f"{command or 'false'} && {python} {program}"], folder)
+        is_cured = bool(before.returncode and command and not after.returncode)
         shown = (after.stdout + after.stderr).strip() or "it ends without an error"
         return Cure(
             entry, (before.stdout + before.stderr).strip(), command.replace(str(folder), "..."), shown, is_cured
@@ -104,8 +104,9 @@ def make_environment(folder: Path, entry: Mapping[str, Any]) -> Path:
 
 def run(command: Sequence[str], folder: Path) -> subprocess.CompletedProcess[str]:
     """Run a command in a folder."""
-    environment = {**os.environ, "HARNESS_STATE": str(folder / "state"), "MUJOCO_GL": "egl", "COLUMNS": "100"}
-    environment.pop("VIRTUAL_ENV", None)
+    environment = {**os.environ, "HARNESS_STATE": str(folder / "state"), "COLUMNS": "100"}
+    for name in ("VIRTUAL_ENV", "MUJOCO_GL", "DISPLAY"):
+        environment.pop(name, None)
     return subprocess.run(
         command, capture_output=True, text=True, env=environment, cwd=folder, timeout=SECONDS, check=False
     )

@@ -53,9 +53,9 @@ side is at fault.
 
 HEAD_OF_ASIDE = """# Single lines that no rule was written from
 
-Made by `python -m benchmarks.lines --set-aside`, once, when the rules were finished: the half of [lines.toml](lines.toml)
-that a hash set aside before the first run. What a program cannot judge was judged by hand afterwards. Whatever is mended
-for these lines from now on, this page stays as it is.
+Made by `python -m benchmarks.lines --set-aside`, once, when the rules were finished: the half of
+[lines.toml](lines.toml) that a hash set aside before the first run. What a program cannot judge was judged by hand
+afterwards. Whatever is mended for these lines from now on, this page stays as it is.
 """
 
 

@@ -37,10 +37,13 @@ CUDNN = Pattern(
 )  # fmt: skip
 NVJITLINK = Pattern(r"libcus(?:parse|olver)\.so[.\d]*: undefined symbol: __nvJitLink", "__nvJitLink")
 RUNTIME = Pattern(
-    r"(lib(?:cudart|cublas|cublasLt|cufft|cusparse|cusolver|curand|nvrtc|nvToolsExt|nccl)\S*\.so\.(\d+)[\d.]*): cannot"
-    r" open",
+    r"(lib(?:cudart|cublas|cublasLt|cufft|cusparse(?!Lt)|cusolver|curand|nvrtc|nvToolsExt|nccl)\S*\.so\.(\d+)[\d.]*)"
+    r": cannot open",
     "cannot open shared object",
 )
+NUMBERED = re.compile(r"lib(?:cudart|cublas(?:Lt)?|nvrtc)\b")
+"""Libraries whose number is that of CUDA."""
+
 NVCC = Pattern(
     r"CUDA_HOME environment variable is not set|nvcc(?:'|\"|`)?:? (?:command )?not found|No such file.*nvcc'?$",
     "CUDA_HOME",
@@ -153,12 +156,13 @@ def _build(line: str, scene: Scene) -> Optional[Cause]:
             {"environment": {"LD_LIBRARY_PATH": ""}, "text": "Or install all nvidia-*-cu12 packages in one call."},
         )
     if runtime:
-        text = "`{}` belongs to CUDA {}, and is not on this machine or not where it is looked for".format(
-            *runtime.groups()
+        library, number = runtime.groups()
+        # The others are numbered by themselves: cuFFT 10 is part of CUDA 10 and 11.
+        release = " " + number if NUMBERED.match(library) else ""
+        text = "`{}` belongs to CUDA{}, and is not on this machine or not where it is looked for".format(
+            library, release
         )
-        way = "Install the build of the package for the CUDA that is here, or the libraries of CUDA {}.".format(
-            runtime.group(2)
-        )
+        way = "Install the build of the package for the CUDA that is here, or the libraries of CUDA{}.".format(release)
         return Cause("cuda-libraries", text, {"text": way})
     return None
 

@@ -9,7 +9,7 @@ from typing import Any, Iterator, List, Mapping, NamedTuple, Optional, Sequence
 from ..failures.matching import Diagnosis
 from ..failures.remedies import in_words
 from ..installing import Installer, installer
-from ..requirements import named
+from ..requirements import named, requirement
 from .explain_text import Explanation
 
 FAULTS = "PYTHONFAULTHANDLER"
@@ -142,7 +142,10 @@ def _suggest_remedy(remedy: Mapping[str, Any], place: Place) -> Iterator[str]:
     gone = remedy.get("uninstall", ())
     by = place.installer or installer(place.python)
     if requirements:
-        yield from by.installing(requirements)
+        # An installer leaves a package alone that is there and that no version is asked of.
+        here = {requirement(text).name for text in place.requirements}
+        stays = any(each.name in here and not each.specifiers for each in map(requirement, requirements))
+        yield from by.installing(["--upgrade", *requirements] if stays else requirements)
     if gone:
         yield from by.uninstalling(gone)
     for name, value in (remedy.get("environment") or {}).items():

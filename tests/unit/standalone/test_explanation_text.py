@@ -74,6 +74,16 @@ def test_a_worker_that_died_without_a_word_is_asked_to_speak() -> None:
     assert "next:      simmatrix explain -- env PYTHONFAULTHANDLER=1 python 'my train.py'" in told
 
 
+def test_a_package_that_is_there_is_upgraded() -> None:
+    """An installer leaves it alone where no version is asked for; a package that is not there is installed."""
+    signature = wings_signature({"requirements": ["wings"], "constraints": ["feathers<4"]})
+    here, elsewhere = Place(requirements=("wings==1.0",)), Place(requirements=("beak==1.0",))
+
+    shown = [explanation_lines(TRACE + "ValueError: no wings\n", place, signature) for place in (here, elsewhere)]
+    assert "next:      python -m pip install --upgrade wings 'feathers<4'" in shown[0]
+    assert "next:      python -m pip install wings 'feathers<4'" in shown[1]
+
+
 def test_nothing_failed() -> None:
     """The last line is shown, and how to catch what does."""
     assert explanation_lines("Episode 1\nall done\n", Place(), wings_signature(REMEDY)) == [
