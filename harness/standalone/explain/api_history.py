@@ -105,7 +105,7 @@ class History:
             return None
         later = [place for place in considered if place in having and (here is None or place > here)]
         too_new = max(considered) not in having if here is None else not later
-        if here is None and not too_new and self._uploaded(later[0]) < OLD:
+        if here is None and not too_new and (self._uploaded(later[0]) < OLD or self._begins_late(considered[0])):
             return None
         run = _last_run(having, considered) if here is None or too_new else _first_run(later, having, considered)
         first, last = run
@@ -130,6 +130,14 @@ class History:
         """Return the bound below which a name is surely there: nobody knows of releases between that were not read."""
         between = [version for version in self.versions[last + 1 : after] if not parsed(version).is_prerelease]
         return "<={}".format(self.versions[last]) if between else "<{}".format(self.versions[after])
+
+    def _begins_late(self, place: int) -> bool:
+        """Return whether releases of this time are older than the first one that was read: they may have a name."""
+        earlier = self.plain["releases"][:place]
+        return any(
+            str(each.get("uploaded") or "") >= OLD and not parsed(str(each["version"])).is_prerelease
+            for each in earlier
+        )
 
     def _uploaded(self, place: int) -> str:
         return str(self.plain["releases"][place].get("uploaded") or "")
