@@ -72,12 +72,15 @@ def cure(entry: Mapping[str, Any]) -> Cure:
         match = NEXT.search(before.stdout + before.stderr)
         command = match.group(1).strip() if match else ""
         # In one shell, so that a variable that the command sets holds for the program.
-        after = run(["bash", "-c", f"{command or 'false'} && {python} {program}"], folder)
+        # What the installer prints names the index that it asks.
+        quiet = f"{{ {command or 'false'}; }} > install.log 2>&1 && {python} {program}"
+        after = run(["bash", "-c", quiet], folder)
         is_cured = bool(before.returncode and command and not after.returncode)
         shown = (after.stdout + after.stderr).strip() or "it ends without an error"
-        return Cure(
-            entry, (before.stdout + before.stderr).strip(), command.replace(str(folder), "..."), shown, is_cured
+        failed, command, shown = (
+            text.replace(str(folder), "...") for text in ((before.stdout + before.stderr).strip(), command, shown)
         )
+        return Cure(entry, failed, command, shown, is_cured)
 
 
 def make_environment(folder: Path, entry: Mapping[str, Any]) -> Path:

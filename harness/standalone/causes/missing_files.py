@@ -137,5 +137,5 @@ def shadowed(line: str, scene: Scene) -> Causes:
             history.package, module, name, module
         )
     )
-    way = "`python -c 'import {0}; print({0})'` says what it is: rename it or go elsewhere, then install {1} anew."
+    way = "`python -c 'import {0}; print({0})'` says what it is: rename it or go elsewhere, then install {1} again."
     yield Cause("file", text, {"text": way.format(module, history.package)})
