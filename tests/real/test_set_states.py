@@ -54,7 +54,9 @@ def seen(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], dict[str, 
             ran = subprocess.run(
                 [python(module), "-W", "ignore", str(script), *told], check=True, capture_output=True, text=True
             )
-            results[name] = json.loads(ran.stdout.splitlines()[-1])
+            # Libraries print, too, some of them at their end.
+            (document,) = [line for line in ran.stdout.splitlines() if line.startswith("{")]
+            results[name] = json.loads(document)
         return results[name]
 
     return look
