@@ -43,7 +43,7 @@ PLACEHOLDER = 20
 """A release with so many times fewer names than the middle one of its package holds the package's name, no more."""
 
 PROGRAMS = (release_reader, module_names, describe_release)
-"""What a kept answer depends on."""
+"""The programs on which a cached answer depends."""
 
 
 class ReleaseDocument(msgspec.Struct, frozen=True, kw_only=True):

@@ -19,7 +19,7 @@ from harness.reports.past_results.table_cells import Row, RowCase, Table
 MATRIX = "measured-by-hand"
 NOTHING = "none"
 SUPPLIED = {"MUJOCO_GL": "egl", "SDL_VIDEODRIVER": "dummy"}
-"""What the head of the file says of all its probes."""
+"""The facts of all probes, which the head of the file holds."""
 MACHINE = re.compile(r"^Made by .* on \d{4}-\d\d-\d\d, ([\w.-]+), Python ", re.MULTILINE)
 ROW = re.compile(r"^\|  \| (?P<python>\S+) \| `(?P<typed>.*?)` \| (?P<env>.*?) \| \w+ \| \w+ \| (?P<line>.*) \|$")
 

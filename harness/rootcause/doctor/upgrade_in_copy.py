@@ -22,7 +22,7 @@ from harness.running import behaviour_runs
 from harness.running.scheduler import Observer, Settings
 
 Compared = tuple[bool | None, str]
-"""Whether a task behaves otherwise, and how, or why that cannot be told."""
+"""An answer whether a task behaves otherwise; and how, or why that is unknown."""
 
 
 def try_upgrade(

@@ -38,7 +38,7 @@ REPLACED: Dict[str, Tuple[str, Dict[str, Any]]] = {
     "pygame": ("older releases have no wheel for newer Pythons", {"requirements": ["pygame>=2.6"]}),
     "opencv-python": ("older releases have no wheel for newer Pythons", {"requirements": ["opencv-python>=4.5.5"]}),
 }
-"""What replaces a package, and why it helps."""
+"""The replacement of a package, and why it helps."""
 
 HINTS = (
     (

@@ -20,7 +20,7 @@ INCOMPATIBLE = Pattern(
 CHECKED = Pattern(
     r"({0})(?:\[[\w,-]*\])?{1} is required .*?but found ({0})==(\d\S*)".format(PACKAGE, BOUND), "but found "
 )
-"""What a library says that checks its requirements itself."""
+"""The line of a library that checks its requirements itself."""
 
 UNINSTALLED = Pattern(
     r"({0}) (\d\S*) requires ({0})(?:\[[\w,-]*\])?\s?{1}?, which is not installed".format(PACKAGE, BOUND),

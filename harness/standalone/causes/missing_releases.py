@@ -38,7 +38,7 @@ WANTS = Pattern(
     r"(?:\+| or (?:newer|later|higher|above)) is required",
     "ython",
 )
-"""What a program says itself of the Python that it needs."""
+"""The line of a program about the Python that it needs."""
 
 NO_VERSION = Pattern(
     r"there (?:is|are) no versions? of ({0})==(\d[\w.+!]*)".format(PACKAGE), "there is no", "there are"

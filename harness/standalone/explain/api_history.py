@@ -161,7 +161,7 @@ IMPORTS = "imports.json.gz"
 """The table of import names, made with the histories."""
 
 GZIP = 16 + zlib.MAX_WBITS
-"""What `zlib` needs to read one part of a gzip file, and to leave the next ones."""
+"""The setting of `zlib` that reads one part of a gzip file and leaves the next ones."""
 
 PLACES = ("history", "../matrices/history", "../../matrices/history")
 """Folders of the histories: in the file that runs alone, in an installed harness, in its checkout."""

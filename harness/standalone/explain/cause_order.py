@@ -10,7 +10,7 @@ from ..failures.matching import Diagnosis, Evidence
 from .failure_text import Failure
 
 DECISIVE, ELSEWHERE, LOG = 0, 1, 2
-"""Where a failure was told: in the decisive line, in another one that says why, or anywhere."""
+"""The place of a failure in a text: the decisive line, another one that says why, or anywhere."""
 
 
 def find_hits(

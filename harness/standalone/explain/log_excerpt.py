@@ -16,7 +16,7 @@ MARKS = (
 """Of a line that may say why."""
 
 CHAIN = (b"The above exception", b"During handling")
-"""How lines between the tracebacks of a chain begin."""
+"""The beginnings of lines between the tracebacks of a chain."""
 
 LONGEST = 1 << 18
 """Bytes of a block: a progress bar may be one line of many megabytes."""

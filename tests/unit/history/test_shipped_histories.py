@@ -31,7 +31,7 @@ FACTS = [
     ("gymnasium", "names gymnasium.wrappers FrameStack", "0.29.1", "1.0.0"),
     ("gym", "modules gym.envs.classic_control.rendering", "0.21.0", "0.22.0"),
 ]
-"""What was seen in environments of these releases: the name is there in the first, and not in the second."""
+"""Facts seen in environments of these releases: the name is there in the first, and not in the second."""
 
 
 def files() -> list[Path]:
