@@ -155,3 +155,16 @@ def test_a_conflict_names_the_release_that_is_wanted() -> None:
         "stable-baselines3 1.6.2 requires gym==0.21, but gym 0.23.1 is installed",
         ("gym==0.21",),
     )
+
+
+@pytest.mark.parametrize("read", [True, False])
+def test_unread_older_releases_may_have_a_name(*, read: bool) -> None:
+    """A name that only the newest release has says nothing of age where an older release was never read."""
+    releases = [
+        {"version": "1.0", "uploaded": "2024-01-01", "read": read},
+        {"version": "2.0", "uploaded": "2024-06-01", "read": True},
+        {"version": "3.0", "uploaded": "2025-01-01", "read": True},
+    ]
+    there = History({"package": "wings", "releases": releases}).where([[2, 2]], None)
+
+    assert (there.bound if there else None) == ("wings>=3.0" if read else None)
