@@ -97,8 +97,8 @@ def fold(package: str, releases: Sequence[MeasuredRelease]) -> ApiHistory:
     )
 
 
-HEAD = frozenset({"form", "package", "releases", "ran"})
-"""The keys of the first line of a file, which is read by itself where only releases are asked for."""
+HEAD = frozenset({"form", "package", "releases", "ran", "requires"})
+"""The keys of the first line of a file, which is read by itself where no names are asked for."""
 
 
 def encode(history: ApiHistory) -> bytes:

@@ -12,6 +12,8 @@ import sys
 from pathlib import Path
 from typing import Any, Dict, List, Optional, Sequence, Set
 
+_ABSENT = object()
+
 
 def main(file: str, folder: str, modules: Sequence[str]) -> None:
     """Import the modules and write the document."""
@@ -27,7 +29,7 @@ def main(file: str, folder: str, modules: Sequence[str]) -> None:
         public += sorted(_offered(module) - set(public))
         document["names"][name] = [name_there for name_there in public if not _foreign(module, name_there)]
         for name_there in public:
-            value = getattr(module, name_there, None)
+            value = _value(module, name_there)
             if isinstance(value, type) and str(value.__module__).partition(".")[0] == name.partition(".")[0]:
                 members = sorted(member for member in dir(value) if not member.startswith("_"))
                 if not any(part.startswith("_") for part in str(value.__module__).split(".")):
@@ -40,8 +42,8 @@ def main(file: str, folder: str, modules: Sequence[str]) -> None:
 
 def _foreign(module: Any, name: str) -> bool:
     """Return whether a name is a module of another package."""
-    value = getattr(module, name, None)
-    top = getattr(value, "__name__", "").partition(".")[0]
+    value = _value(module, name)
+    top = str(getattr(value, "__name__", "")).partition(".")[0]
     return isinstance(value, type(sys)) and top != module.__name__.partition(".")[0]
 
 
@@ -57,11 +59,15 @@ def _offered(module: Any) -> Set[str]:
 
 
 def _is_there(module: Any, name: str) -> bool:
+    return _value(module, name, _ABSENT) is not _ABSENT
+
+
+def _value(module: Any, name: str, otherwise: Any = None) -> Any:
+    """Return what a module has under a name, or something else where it cannot be had: some are imported only then."""
     try:
-        getattr(module, name)
+        return getattr(module, name)
     except BaseException:
-        return False
-    return True
+        return otherwise
 
 
 def _environments() -> Optional[List[str]]:

@@ -20,6 +20,7 @@ from harness.history import (
     module_names,
     package_plan,
     partial_wheels,
+    python_library,
     release_reader,
     release_runner,
     word_index,
@@ -61,9 +62,12 @@ def main(arguments: list[str] | None = None) -> None:
     args = parser.parse_args(arguments)
     plan = package_plan.load(PLAN)
     packages = plan.all_packages()
-    if unknown := {*args.names} - {*packages}:
+    if unknown := {*args.names} - {*packages, python_library.PACKAGE}:
         parser.error(f"{PLAN.name} has no {', '.join(sorted(unknown))}")
-    for name in args.names or packages:
+    for name in args.names or (*packages, python_library.PACKAGE):
+        if name == python_library.PACKAGE:
+            write_atomic(OUT / f"{name}.json.gz", encode(fold(name, python_library.read())))
+            continue
         reader = _Reader(name, packages[name], plan.helpers)
         history = encode(fold(name, _without_placeholders([*reader.releases()])))
         write_atomic(OUT / f"{name}.json.gz", history)

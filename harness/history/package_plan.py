@@ -28,14 +28,15 @@ class PackagePlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     """The releases of a package that are read, and what is read of them.
 
     `each` is "release" for every release, "minor" or "major" for the first and the last of each such version, "newest"
-    for the newest one. `imports`
-    are the top-level modules, empty where the files tell; `run` those to import. With `big` only the names of files and
+    for the newest one; those before `since` are not read. `imports` are the top-level modules, empty where the files
+    tell; `run` those to import. With `big` only the names of files and
     the metadata are read; by default this depends on the size of the newest wheel. `sdists` is False where a source
     does not have the names that its wheel has. `without` are modules that are not read, and parameters are left out
     where `signatures` is False.
     """
 
     each: str = "release"
+    since: str = "0"
     imports: tuple[str, ...] = ()
     run: tuple[str, ...] = ()
     big: bool | None = None
@@ -84,7 +85,9 @@ def choose(
     """Return the file to read of each release that is read, by version."""
     chosen = {}
     for release in releases:
-        file = None if Version(release.version).is_prerelease else _file(package, release, files)
+        version = Version(release.version)
+        is_read = not version.is_prerelease and version >= Version(package.since)
+        file = _file(package, release, files) if is_read else None
         if file is not None:
             chosen[release.version] = file
     if package.each == "release":

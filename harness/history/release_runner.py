@@ -30,9 +30,14 @@ def run(folder: Path, modules: Sequence[str], python: Interpreter, helpers: Sequ
     Raises CouldNotTell if an environment with the helpers cannot be made.
     """
     home = _environment(python, helpers, numpy="numpy" not in modules)
+    return describe(folder, str(home / "bin" / "python"), modules)
+
+
+def describe(folder: Path, python: str, modules: Sequence[str]) -> dict[str, Any] | None:
+    """Return what importing modules tells in a Python, those of a folder first; None if it did not come to an end."""
     answer = folder.with_name("answer.json")
     program, source = str(describe_release.__file__), str(release_reader.source_root(folder))
-    _call(folder, str(home / "bin" / "python"), "-B", "-W", "ignore", program, str(answer), source, *modules)
+    _call(folder, python, "-B", "-W", "ignore", program, str(answer), source, *modules)
     try:
         answers: dict[str, Any] = msgspec.json.decode(answer.read_bytes())
     except (OSError, msgspec.DecodeError):

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 
 from packaging.requirements import InvalidRequirement, Requirement
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
@@ -19,8 +20,9 @@ LONG_NUMBER = re.compile(r"\d{100}")
 TOO_LONG = "it has a number of too many digits"
 
 
+@lru_cache(maxsize=4096)  # the lines of a file are read by several readers
 def requirement(text: str) -> Requirement:
-    """Read a requirement. Raises InvalidRequirement."""
+    """Read a requirement, which no caller may change. Raises InvalidRequirement."""
     _, _, marker = text.partition(";")
     if marker.count("(") > DEEPEST:
         message = "its marker is nested too deep"

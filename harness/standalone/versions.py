@@ -93,6 +93,8 @@ def specifiers(text: str) -> Specifiers:
 def unsatisfiable(together: Iterable[Specifiers]) -> bool:
     """Return whether no version, be it a prerelease, fits all: none at their bounds, or next to one of them."""
     every = [clause for each in together for clause in each.clauses]
+    if [clause.operator for clause in every] == ["=="]:
+        return False
     named = [clause.version for clause in every if clause.operator == "==="]
     # `===` admits only its own text, so nothing else needs a try. The 1 is for specifiers without any clause.
     near = named or ["1", *(text for clause in every for text in _near(clause))]

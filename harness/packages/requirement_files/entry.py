@@ -48,7 +48,9 @@ class Inputs:
 
     def __add__(self, other: Inputs) -> Inputs:
         """Return both together; the later one decides where only one value is possible."""
-        both = SpecifierSet(self.python or "") & SpecifierSet(other.python or "")
+        python = self.python or other.python
+        if self.python and other.python:
+            python = str(SpecifierSet(self.python) & SpecifierSet(other.python))
         index = IndexSettings(
             default=other.index.default or self.index.default,
             extra=self.index.extra + other.index.extra,
@@ -63,7 +65,7 @@ class Inputs:
             only_binary=self.only_binary + other.only_binary,
             prerelease=other.prerelease or self.prerelease,
             index=index,
-            python=str(both) or None,
+            python=python,
             conda=self.conda + other.conda,
             not_modelled=self.not_modelled + other.not_modelled,
             notes=self.notes + other.notes,

@@ -211,6 +211,12 @@ class CellResult:
         mine = {name for name in self.exercised if name in newest and name in self.pins}
         return frozenset(name for name in mine if Version(self.pins[name]) < newest[name])
 
+    @property
+    def varied(self) -> set[str]:
+        """Return the packages that the matrix varies and that the cell is therefore about."""
+        light = (name for name in self.cell.axes if not weight(name) or is_heavy(name))
+        return {name for name in light if name != "python" and self.version(name)}
+
     @cached_property
     def subjects(self) -> frozenset[str]:
         """Return the packages that the cell is about: those that its matrix varies, and others that it names and ran.
@@ -218,10 +224,9 @@ class CellResult:
         Packages that only come with others, such as NumPy, are left out. Where none is left, those that it ran and
         that nothing is known of count.
         """
-        ran, varied = self.exercised or self.named, self.cell.axes
+        ran = self.exercised or self.named
         named = [name for name in self.named if self.version(name)]
-        chosen = {name for name in named if name in varied and not weight(name)}
-        chosen |= {name for name in named if is_heavy(name) and (name in ran or name in varied)}
+        chosen = self.varied | {name for name in named if is_heavy(name) and name in ran}
         return frozenset(chosen or {name for name in named if name in ran and not weight(name)})
 
     @cached_property

@@ -88,10 +88,14 @@ def alike(each: ReleaseSeries, first: str, last: str) -> bool | None:
 
 def measured_there(each: ReleaseSeries, release: str) -> bool:
     """Return whether a release of a series was measured itself."""
-    return any(version(held) == version(release) for held in each.releases if is_version(held))
+    return release in each.releases or any(
+        version(held) == version(release) for held in each.releases if is_version(held)
+    )
 
 
 def _family(each: ReleaseSeries, release: str) -> str | None:
+    if release in each.releases:
+        return each.families[each.releases.index(release)]
     wanted = version(release)
     held = [(version(text), family) for text, family in zip(each.releases, each.families, strict=True)]
     exact = next((family for release, family in held if release == wanted), None)

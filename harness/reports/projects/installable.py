@@ -8,8 +8,7 @@ import msgspec
 from packaging.markers import default_environment
 
 from harness.reports.projects.project import Project
-from harness.standalone.causes.missing_releases import has_wheel
-from harness.standalone.explain.api_history import History, load_shipped
+from harness.standalone.explain.api_history import History, has_wheel, load_shipped
 from harness.standalone.requirements import Requirement, requirement
 from harness.standalone.versions import specifiers, unsatisfiable, version
 
@@ -80,7 +79,8 @@ class Requirements:
 def _release(history: History | None, text: str) -> Mapping[str, object] | None:
     """Return a release of a history; None if it is not there, or was not read."""
     releases = history.plain["releases"] if history else ()
-    return next((each for each in releases if version(each["version"]) == version(text)), None)
+    exact = next((each for each in releases if each["version"] == text), None)
+    return exact or next((each for each in releases if version(each["version"]) == version(text)), None)
 
 
 def _unfit(project: Project, targets: Mapping[str, str]) -> Iterator[str]:

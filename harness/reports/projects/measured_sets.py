@@ -53,10 +53,10 @@ def find_sets(cells: Iterable[CellResult], project: Project) -> list[MeasuredSet
     was measured with other versions only, none of which works.
     """
     groups: dict[frozenset[str], list[CellResult]] = {}
+    own = project.packages.keys() - project.conflicts.keys()
     for result in cells:
-        names = result.subjects
-        if names and names <= project.packages.keys() - project.conflicts.keys() and is_plain(result):
-            groups.setdefault(names, []).append(result)
+        if result.varied <= own and is_plain(result) and result.subjects and result.subjects <= own:
+            groups.setdefault(result.subjects, []).append(result)
     held = [names for names in groups if any(fits(each, project) for each in groups[names])]
     telling = [names for names in groups if names in held or any(each.works for each in groups[names])]
     # A table of single combinations hides no report about fewer packages.

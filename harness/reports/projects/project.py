@@ -163,7 +163,10 @@ def _declared(
 
 def _pinned(versions: Specifiers) -> str | None:
     pins = [clause.version for clause in versions.clauses if clause.operator in {"==", "==="}]
-    return next((pin for pin in pins if not pin.endswith("*") and versions.admits(pin)), None)
+    pins = [pin for pin in pins if not pin.endswith("*")]
+    if len(versions.clauses) == 1:
+        return pins[0] if pins else None
+    return next((pin for pin in pins if versions.admits(pin)), None)
 
 
 def _conflicts(
@@ -203,9 +206,10 @@ def _implied(project: Project, variables: Mapping[str, str]) -> dict[str, Declar
 
 def _requirements_of(history: History, declared: Declared, variables: Mapping[str, str]) -> Iterator[Requirement]:
     """Yield what the newest admitted release of a package requires, with the extras asked for."""
-    admitted = [place for place in history.read if declared.versions.admits(history.versions[place])]
-    for text, spans in history.plain.get("requires", {}).items() if admitted else ():
-        if any(first <= admitted[-1] <= last for first, last in spans):
+    admitted = (place for place in reversed(history.read) if declared.versions.admits(history.versions[place]))
+    newest = next(admitted, None)
+    for text, spans in history.plain.get("requires", {}).items() if newest is not None else ():
+        if any(first <= newest <= last for first, last in spans):
             try:
                 requirement = requirement_texts.requirement(text)
             except InvalidRequirement:  # gym 0.21.0 has one that no resolver accepts

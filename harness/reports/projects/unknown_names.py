@@ -31,9 +31,14 @@ def refuse_unknown(project: Project, paths: Sequence[Path], say: Callable[[str],
             where = _where(declared, paths)
             message = f"{where}{declared.name} {declared.pinned}: no such release; near it are {' and '.join(near)}"
             raise BadInput(message)
+    names = [declared.name for declared in own]
+    alike = {
+        name
+        for simulator in SIMULATORS
+        for name in get_close_matches(simulator, names, n=len(names) or 1, cutoff=LIKENESS)
+    }
     for declared in own:
-        alike = get_close_matches(declared.name, sorted(SIMULATORS), n=1, cutoff=LIKENESS)
-        if alike and declared.name not in SIMULATORS and load_shipped(declared.name) is None:
+        if declared.name in alike - SIMULATORS and load_shipped(declared.name) is None:
             from harness.reports.answers import misspelt  # noqa: PLC0415 - start-up
 
             try:

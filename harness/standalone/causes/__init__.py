@@ -1,3 +1,3 @@
 """Derive the cause of a failure: from histories of releases, tables of files, and what a line says itself."""
 
-__all__ = ["derived_causes", "missing_releases"]
+__all__ = ["derived_causes"]

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
-from ..explain.api_history import OF_IMPORT, Availability, History
+from ..explain.api_history import OF_IMPORT, PYTHON, Availability, History
 from ..explain.history_words import packages_with
 from ..explain.import_names import package_with
-from .scene import DOTTED, QUOTE, WORD, Cause, Causes, Pattern, Scene, requirement_remedy
+from .scene import DOTTED, EVERYBODYS, QUOTE, WORD, Cause, Causes, Pattern, Scene, requirement_remedy
 
 ATTRIBUTE = Pattern(
     "(?:^|[^\\w'])(?:module )?{0}({1}){0} has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD), "has no attribute"
@@ -30,6 +30,9 @@ SCHEMA = Pattern(
     r"(?:: {0}?(\w+){0}?)?(?:\W+Element {0}(\w+){0})?".format(QUOTE),
     "Schema violation",
 )
+RARE_OWNER = 12
+"""Letters of a class's name that two packages seldom share."""
+
 SHORTEST = 5
 """Characters of a name that no line of a user's own has by accident."""
 
@@ -37,15 +40,14 @@ STANDARD = {
     "distutils": ("setuptools", "Python 3.12 removed `distutils`; setuptools brings a copy of it"),
     "pkg_resources": ("setuptools<82", "`pkg_resources` is part of setuptools before 82, and new environments lack it"),
     "setuptools": ("setuptools", "setuptools is not installed: environments of Python 3.12 and newer lack it"),
-    "imp": ("", "Python 3.12 removed the module `imp`"),
-    "asynchat": ("", "Python 3.12 removed the module `asynchat`"),
-    "asyncore": ("", "Python 3.12 removed the module `asyncore`"),
-    "cgi": ("", "Python 3.13 removed the module `cgi`"),
     "cmake": ("", "the script `cmake` here belongs to a Python package, which an isolated build does not see"),
     "swig": ("", "the script `swig` here belongs to a Python package, which an isolated build does not see"),
     "_tkinter": ("", "this Python was built without tkinter"),
 }
 """Modules that came with Python or with every environment, the package that brings them, and why they are missing."""
+
+USUAL = frozenset({"chunk", "distutils", "formatter", "parser", "symbol"})
+"""Modules that older Pythons have, and that users have, too, or that a rule of its own is about."""
 
 UPDATE = "Or take a newer release of the package that imports it."
 OTHER_REMEDIES: Dict[str, Dict[str, Any]] = {
@@ -119,10 +121,10 @@ def _some_module(line: str, scene: Scene) -> Answers:
 
 def _module(line: str, scene: Scene) -> Answers:
     match = MODULE.search(line)
-    if match and "." in match.group(1):
+    if match:
         module = match.group(1).rstrip(".")
-        history = scene.history_with(module)
-        if history is not None:
+        history = scene.history_with(module) if "." in module or module not in USUAL else None
+        if history is not None and ("." in module or history.package == PYTHON):
             yield "the module `{}`".format(module), where(history, history.spans("modules", module), scene)
 
 
@@ -226,9 +228,12 @@ def absent(line: str, scene: Scene) -> Causes:
     package, text = STANDARD.get(module.partition(".")[0], ("", ""))
     if text:
         remedy: Dict[str, Any] = OTHER_REMEDIES.get(module) or (
-            requirement_remedy(package, "Or use Python 3.11.") if package else {"python": "<3.12", "text": UPDATE}
+            requirement_remedy(package, "Or use Python 3.11.") if package else {"text": UPDATE}
         )
         yield Cause(package.partition("<")[0] or "python", text, remedy)
+    elif module.startswith("omni.isaac.orbit"):
+        text = "Orbit is called Isaac Lab now: its modules became omni.isaac.lab, and `isaaclab` with Isaac Lab 2.0"
+        yield Cause("isaaclab", text, {"text": "Take the Orbit that the program was written for, or the new names."})
     elif "." not in module and package_with(module):
         name = str(package_with(module))
         yield Cause(
@@ -251,6 +256,10 @@ def spoken_of(scene: Scene, name: str, kind: str, word: str) -> Iterator[History
     if not word and scene.is_pasted:
         tops += [module for module in OF_IMPORT if scene.speaks_of(module)]
     histories = [history for history in map(scene.history_with, tops) if history is not None]
+    owner = name.split(".")[-2] if "." in name else ""
+    if len(owner) > RARE_OWNER and owner not in EVERYBODYS and not any(_has_class(each, owner) for each in histories):
+        elsewhere = [history for history in map(scene.history, packages_with(kind, word)) if history is not None]
+        histories += [history for history in elsewhere if _has_class(history, owner)]
     if not histories and scene.is_pasted:
         histories = [history for history in map(scene.history, packages_with(kind, word)) if history is not None]
     seen = set()
@@ -258,6 +267,10 @@ def spoken_of(scene: Scene, name: str, kind: str, word: str) -> Iterator[History
         if history.package not in seen:
             seen.add(history.package)
             yield history
+
+
+def _has_class(history: History, owner: str) -> bool:
+    return any(path.rpartition(".")[2] == owner for path in history.plain.get("members", {}))
 
 
 def places_of(spans: Sequence[Any]) -> Iterator[int]:
@@ -279,6 +292,10 @@ def availability_cause(what: str, there: Availability, scene: Scene) -> Cause:
     else:
         text = "{} has {} from {} to {}, and the installed release is {}".format(
             there.package, what, there.first, there.last, side(there)
+        )
+    if there.package == PYTHON:
+        return Cause(
+            PYTHON, "P" + text[1:] + _asker(scene, PYTHON), {"python": there.bound[len(PYTHON) :], "text": UPDATE}
         )
     return Cause(there.package, text + _asker(scene, there.package), requirement_remedy(there.bound))
 

@@ -18,6 +18,7 @@ BUILT = Pattern(
     "Failed building", "Could not build", "Failed to build", "Failed to download", "Encountered error",
     "Running setup.py", "Building ",
 )  # fmt: skip
+UNSUPPORTED = Pattern(r"(\w+) (\d[\d.]*\d) may not yet support Python", "may not yet support Python")
 ERROR_ONLY = re.compile(r"\.\.\. error|did not run successfully|[Ff]ail|[Cc]ould not|Encountered error")
 REPLACED: Dict[str, Tuple[str, Dict[str, Any]]] = {
     "atari-py": ("ale-py replaces it, with wheels", {"requirements": ["ale-py"], "uninstall": ["atari-py"]}),
@@ -46,6 +47,16 @@ HINTS = (
                 "noexcept", "Cannot assign type"),
         "cython", "the code was written for Cython 0.29, and Cython 3 refuses it",
         {"build_constraints": ["cython<3"], "requirements": ["cython<3"]},
+    ),
+    (
+        Pattern(r"CompileError: \S*mujoco_py[/\\]cymj\.pyx", "cymj.pyx"),
+        "cython", "mujoco-py was written for Cython 0.29, and Cython 3 refuses it",
+        {"requirements": ["cython<3"], "text": "New code does not need mujoco-py: `pip install mujoco`."},
+    ),
+    (
+        Pattern(r"'python_requires' must be a string containing valid version specifiers", "'python_requires' must"),
+        "setuptools", "setuptools 67 and newer refuse the `python_requires` of this setup.py",
+        {"build_constraints": ["setuptools<67"], "requirements": ["setuptools<67"]},
     ),
     (
         Pattern(r"Compatibility with CMake < 3\.5 has been removed", "Compatibility with CMake"),
@@ -101,15 +112,44 @@ HINTS = (
 )  # fmt: skip
 
 
+NOT_FOUND = Pattern(
+    r"Could not find a package configuration file provided by\s+\"([\w+-]+)\"|Could NOT find ([\w+-]+) \(",
+    "Could not find a package", "Could NOT find",
+)  # fmt: skip
+DEBIAN = {
+    "Boost": "libboost-all-dev", "BZip2": "libbz2-dev", "Bullet": "libbullet-dev", "Eigen3": "libeigen3-dev",
+    "GLEW": "libglew-dev", "JPEG": "libjpeg-dev", "MPI": "libopenmpi-dev", "OpenCV": "libopencv-dev",
+    "OpenGL": "libgl1-mesa-dev", "OpenSSL": "libssl-dev", "PNG": "libpng-dev", "PkgConfig": "pkg-config",
+    "PythonLibs": "python3-dev", "SDL2": "libsdl2-dev", "X11": "libx11-dev", "ZLIB": "zlib1g-dev",
+    "assimp": "libassimp-dev", "glfw3": "libglfw3-dev", "pybind11": "pybind11-dev", "yaml-cpp": "libyaml-cpp-dev",
+}  # fmt: skip
+"""Packages of Debian by the name under which CMake looks for what is in them."""
+
+
 def causes(line: str, scene: Scene) -> Causes:
     """Yield the cause where a line tells of a build that failed."""
     for pattern, subject, text, remedy in HINTS:
         if pattern.search(line):
             yield Cause(subject, text, remedy)
             return
-    cause = _built(line, scene)
+    cause = _sought(line, scene) or _built(line, scene)
     if cause is not None:
         yield cause
+
+
+def _sought(line: str, scene: Scene) -> Optional[Cause]:
+    """Return the cause that CMake does not find a library; the name may stand in the line after."""
+    match = NOT_FOUND.search(scene.failure.text) if "CMake Error" in line else NOT_FOUND.search(line)
+    if match is None:
+        return None
+    name = next(filter(None, match.groups()))
+    package = DEBIAN.get(name)
+    way = (
+        "Install it: `apt-get install {}` on Debian and Ubuntu.".format(package)
+        if package
+        else "Install its development files, or let {}_DIR or CMAKE_PREFIX_PATH name their folder.".format(name)
+    )
+    return Cause(package or name, "the build looks for {} by CMake, and does not find it".format(name), {"text": way})
 
 
 def _built(line: str, scene: Scene) -> Optional[Cause]:
@@ -118,7 +158,9 @@ def _built(line: str, scene: Scene) -> Optional[Cause]:
         return None
     package = canonical(match.group(1))
     history = scene.load(package)
-    version = match.group(2) or scene.versions.get(package)
+    unsupported = UNSUPPORTED.search(scene.failure.text)
+    named = unsupported.group(2) if unsupported and canonical(unsupported.group(1)) == package else None
+    version = match.group(2) or named or scene.versions.get(package)
     replaced = REPLACED.get(package)
     if history is not None and scene.python:
         cause = (
@@ -131,8 +173,8 @@ def _built(line: str, scene: Scene) -> Optional[Cause]:
     name = "{} {}".format(package, version) if version else package
     if replaced:
         return Cause(package, "{} was built from source, and that failed; {}".format(name, replaced[0]), replaced[1])
-    if history is None:
-        return None
+    if history is None or (version and scene.python and missing_releases.has_one(history, version, scene.python)):
+        return None  # it has a wheel, at least for Linux: something else made the installer build it
     newest, pythons = missing_releases.last_with_wheels(history)
     if newest is None or not pythons:
         return None

@@ -6,7 +6,7 @@ import re
 from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 from ..explain.api_history import Availability, History
-from .api_causes import places_of, side, spoken_of, where
+from .api_causes import WRAPPERS, places_of, side, spoken_of, where
 from .scene import DOTTED, QUOTE, WORD, Cause, Causes, Pattern, Scene, requirement_remedy
 
 UNEXPECTED = Pattern(
@@ -23,6 +23,13 @@ TAKES = Pattern(
     "() takes ",
 )
 UNPACK = Pattern(r"(not enough|too many) values to unpack \(expected (\d)(?:, got (\d))?\)", "values to unpack")
+PAIR = Pattern(
+    r"expected np\.ndarray \(got tuple\)|detected shape was \(2,\) \+ inhomogeneous part"
+    r"|Can't convert non-rectangular Python sequence to Tensor|tuple indices must be integers or slices, not tuple"
+    r"|'tuple' object has no attribute '(?:shape|reshape|flatten|dtype|astype|ndim|unsqueeze)'",
+    "got tuple", "inhomogeneous part", "non-rectangular", "tuple",
+)  # fmt: skip
+OBSERVATION = re.compile(r"(?<![A-Za-z])(?:next_)?(?:obs|observations?|states?)(?![A-Za-z])|\.reset\(")
 ALIKE = 2
 """Packages that may be named for one call."""
 
@@ -44,6 +51,9 @@ def causes(line: str, scene: Scene) -> Causes:
     """Yield the cause where a call does not fit the release that is installed."""
     if UNPACK.search(line):
         yield from _unpacked(line, scene)
+        return
+    if PAIR.search(line):
+        yield from _paired(scene)
         return
     answers: Dict[str, Cause] = {}
     for call in _calls(line):
@@ -136,7 +146,8 @@ def _tied(word: str, scene: Scene, history: History) -> bool:
 
 
 def _of_path(history: History, texts: Sequence[Any], call: Call, scene: Scene) -> Optional[Availability]:
-    if call.names and not any(call.names in _names(parameters) for _, _, parameters in texts):
+    wraps = call.function.rpartition(".")[0].rpartition(".")[2] in WRAPPERS
+    if call.names and not wraps and not any(call.names in _names(parameters) for _, _, parameters in texts):
         return None
     places = [place for first, last, _ in texts for place in range(first, last + 1) if place in set(history.read)]
     spans = [span[:2] for span in texts if call.admits(span[2])]
@@ -196,7 +207,8 @@ def _unpacked(line: str, scene: Scene) -> Iterator[Cause]:
     source = frames[-1][2] if frames else ""
     bare = scene.is_pasted
     step = bool(STEP.search(source)) or (bare and not RESET.search(scene.failure.text))
-    reset = bool(RESET.search(source)) or (bare and not STEP.search(scene.failure.text))
+    is_spoken_of = RESET.search(scene.failure.text) or scene.speaks_of("reset", "gym", "gymnasium")
+    reset = bool(RESET.search(source)) or (bare and is_spoken_of and not STEP.search(scene.failure.text))
     inside = bool(frames) and CHECKERS.search(frames[-1][0]) is not None
     if kind == "too many" and expected == 4 and step:
         text = "step() returns five values since gym 0.26 and in gymnasium, and the code unpacks four"
@@ -207,6 +219,14 @@ def _unpacked(line: str, scene: Scene) -> Iterator[Cause]:
     elif kind == "too many" and expected == 2 and reset:
         text = "reset() returned an observation alone, as before gym 0.26, and a pair (observation, info) is expected"
         yield _older(text, inside)
+
+
+def _paired(scene: Scene) -> Iterator[Cause]:
+    """Yield that a pair was taken for an observation, where the source that raised speaks of one."""
+    frames = scene.frames
+    if OBSERVATION.search("\n".join(frame[2] for frame in frames) if frames else scene.failure.text):
+        text = "reset() returns a pair (observation, info) since gym 0.26 and in gymnasium, and the code takes it whole"
+        yield Cause("gym", text, requirement_remedy("gym<0.26", "Or write `obs, info = env.reset()`."))
 
 
 def _older(text: str, inside: bool) -> Cause:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Callable, Dict, List, Mapping, Optional, Sequence, Tuple
 
-from ..explain.api_history import Load
+from ..explain.api_history import PYTHON, Load
 from ..explain.failure_text import QUOTED, Failure
 from ..explain.version_hints import Hints
 from ..failures.matching import Diagnosis, Signature
@@ -19,8 +19,8 @@ from . import (
     installer_conflicts,
     missing_files,
     missing_releases,
-    mujoco_binaries,
     native_causes,
+    python_causes,
     saved_objects,
 )
 from .scene import Cause, Causes, Scene
@@ -31,8 +31,9 @@ RULES: Sequence[Tuple[Rule, bool]] = (
     (installer_conflicts.causes, False),
     (missing_releases.causes, False),
     (environment_ids.released, False),
-    (mujoco_binaries.causes, True),
+    (missing_files.of_mujoco, True),
     (saved_objects.causes, True),
+    (python_causes.causes, False),
     (build_causes.causes, True),
     (installer_conflicts.refusals, True),
     (environment_ids.causes, True),
@@ -62,6 +63,8 @@ def derive(
     """Return the causes of the lines that say why something failed, each subject once."""
     versions = dict(hints.packages)
     versions.update(installed or {})
+    if python or hints.python:
+        versions[PYTHON] = str(python or hints.python)
     scene = Scene(failure, versions, installed, python or hints.python, load)
     causes: Dict[str, Diagnosis] = {}
     for line in _lines(failure):

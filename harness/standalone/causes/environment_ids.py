@@ -42,7 +42,9 @@ OWNERS: Tuple[Tuple[str, str, str], ...] = (
     (r"procgen", "procgen", "procgen"),
     (r"(?:PushCube|PickCube|StackCube|PegInsertionSide|PlugCharger|TurnFaucet|OpenCabinet\w+|PushT|LiftPegUpright)-v\d",
      "mani-skill", "mani_skill.envs"),
-    (r"(?:halfcheetah|hopper|walker2d|ant|antmaze|maze2d|kitchen|pen|door|hammer|relocate)-[a-z]", "d4rl", "d4rl"),
+    (r"(?:halfcheetah|hopper|walker2d|ant)-(?:random|medium|expert|medium-replay|full-replay|medium-expert|mixed)(?:-v\d)?$"
+     r"|antmaze-(?:eval-)?(?:umaze|medium|large)\b|maze2d-(?:eval-)?(?:open|umaze|medium|large)\b"
+     r"|kitchen-(?:complete|partial|mixed)\b|(?:pen|door|hammer|relocate)-(?:human|cloned|expert)\b", "d4rl", "d4rl"),
     (r"Meta-World/", "metaworld", "metaworld"),
     (r"\w+BulletEnv", "pybullet", "pybullet_envs"),
     (r"Safety(?:Point|Car|Doggo|Racecar|Ant|Hopper|Walker2d|HalfCheetah|Humanoid)", "safety-gymnasium",
@@ -57,6 +59,12 @@ OWNERS: Tuple[Tuple[str, str, str], ...] = (
     (r"vizdoom|Vizdoom", "vizdoom", "vizdoom.gymnasium_wrapper"),
 )  # fmt: skip
 """Ids as a pattern, the package that registers them, and the module that does so when it is imported."""
+
+D4RL_LIKE = re.compile(
+    r"(?:halfcheetah|hopper|walker2d)-(?!(?:random|medium|expert|medium-replay|full-replay|medium-expert|mixed)(?:-v\d)?$)"
+    r"[a-z]+-[a-z-]+"
+)
+"""Ids that look like those of d4rl, which has none of these."""
 
 MYOSUITE = "2.4"
 """The first release of myosuite that requires gymnasium; those before it require gym."""
@@ -76,9 +84,18 @@ def causes(line: str, scene: Scene) -> Causes:
         return
     name, space = _named(line)
     module, _, bare = name.rpartition(":")
+    if D4RL_LIKE.match(bare):
+        text = "d4rl registers no `{}`: its ids are such as `walker2d-medium-expert-v2`".format(bare)
+        yield Cause("environment-id", text, {"text": "Correct the id."})
+        return
     near, valid = SUGGESTED.search(line), VALID.search(line)
     if valid and name:
         yield from _older(bare, valid.group(1))
+        return
+    if near and near.group(1).startswith("bullet-"):
+        text = "d4rl was imported, and its MuJoCo environments were not: what they need (mujoco-py, mjrl) is missing"
+        way = "`import d4rl` prints what it lacks, unless D4RL_SUPPRESS_IMPORT_ERROR is set. Or take minari's datasets."
+        yield Cause("d4rl", text, {"text": way})
         return
     for pattern, package, importing in OWNERS if name else ():
         if re.match(pattern, bare) or (space and re.match(pattern, space + "/")):

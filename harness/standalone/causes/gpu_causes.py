@@ -79,12 +79,25 @@ BUILDS: Tuple[Tuple[int, str, str], ...] = (
 )
 """Compute capabilities, the torch that knows them, and why."""
 
+COMPILED = Pattern(r"nvcc fatal\s*: Unsupported gpu architecture 'compute_(\d+)\w?'", "Unsupported gpu architecture")
+REMOVED = ((35, "11.0"), (50, "12.0"), (75, "13.0"))
+"""The CUDA since which there is no code for capabilities below a number (CUDA's release notes)."""
+
+OLDEST_KEPT = 75
+"""The least capability of CUDA 13."""
+
+BROUGHT = (
+    (121, "12.9"), (120, "12.8"), (103, "12.9"), (100, "12.8"), (89, "11.8"), (87, "11.4"), (86, "11.1"), (80, "11.0"),
+    (75, "10.0"),
+)  # fmt: skip
+"""The first CUDA with code for a capability, or for those above it (CUDA's release notes)."""
+
 INSTALL = "Install it with `--index-url` of PyTorch's wheels for that CUDA, as pytorch.org/get-started says."
 
 
 def causes(line: str, scene: Scene) -> Causes:
     """Yield the cause where a line says that a build does not fit the GPU, its driver or a library of CUDA."""
-    for rule in (_architecture, _driver, _build, _cudnn, _jax, _symbol):
+    for rule in (_architecture, _driver, _compiled, _build, _cudnn, _jax, _symbol):
         cause = rule(line, scene)
         if cause is not None:
             yield cause
@@ -213,6 +226,26 @@ def _jax(line: str, scene: Scene) -> Optional[Cause]:
             "jax", text, {"requirements": ["jax[cuda12]"], "text": "JAX needs an NVIDIA driver of 525 or newer."}
         )
     return None
+
+
+def _compiled(line: str, scene: Scene) -> Optional[Cause]:
+    """Return the side on which the CUDA compiler is that does not know a capability."""
+    match = COMPILED.search(line)
+    if match is None:
+        return None
+    capability = int(match.group(1))
+    name = "sm_{}".format(capability)
+    last = next((version for below, version in REMOVED if capability < below), None)
+    if capability < OLDEST_KEPT:
+        text = "CUDA {} and newer have no code for {}, which the build asks for".format(last, name)
+        way = "Leave it out of TORCH_CUDA_ARCH_LIST (or of the flags in setup.py), or take an older CUDA toolkit."
+        return Cause("cuda-toolkit", text, {"text": way})
+    first = next((version for least, version in BROUGHT if capability >= least), None)
+    if first is None:
+        return None
+    text = "code for {} is made by CUDA {} and newer, and this nvcc is older".format(name, first)
+    way = "Install CUDA {} or newer, or leave {} out of TORCH_CUDA_ARCH_LIST.".format(first, name)
+    return Cause("cuda-toolkit", text, {"text": way})
 
 
 def _key(text: str) -> Any:

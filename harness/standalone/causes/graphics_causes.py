@@ -42,21 +42,33 @@ CONTEXT = Pattern(
     r"|GLX: (?:Failed|No GLX)|NoSuchConfigException|ContextException|could not create (?:GL|window)",
     "ontext", "glad", "OpenGL", "GLX", "NoSuchConfig", "window",
 )  # fmt: skip
+SOFTWARE = Pattern(r"libGL error: (?:failed to load driver|unable to load driver): swrast", "libGL error")
 SERVER = (
     "On a machine without a screen set `MUJOCO_GL=egl` (or `osmesa`) before Python starts, or run it by `xvfb-run -a`."
 )
 
 
-def causes(line: str, scene: Scene) -> Causes:
-    """Yield the cause where a line says that a renderer, its driver or a display is missing."""
-    if SURFACE.search(line):
-        yield Cause(
+CAUSES = (
+    (
+        SOFTWARE,
+        Cause(
+            "libstdcxx-ng",
+            "Mesa's driver did not load: an older libstdc++ than the system's was loaded first, as in an environment of"
+            " conda, or the driver is not installed; `LIBGL_DEBUG=verbose` tells which",
+            {"text": "`conda install -c conda-forge libstdcxx-ng`, or `apt-get install libgl1-mesa-dri`."},
+        ),
+    ),
+    (
+        SURFACE,
+        Cause(
             "display",
             "the renderer wants a Vulkan surface for a window, and there is no display for it",
             {"text": "Render off screen: no viewer, and in old SAPIEN `VulkanRenderer(offscreen_only=True)`."},
-        )
-    elif VULKAN.search(line) and not MEMORY.search(line):
-        yield Cause(
+        ),
+    ),
+    (
+        VULKAN,
+        Cause(
             "vulkan-driver",
             "Vulkan finds no usable driver for a GPU: the NVIDIA driver's Vulkan part (nvidia_icd.json) is missing, or"
             " a library that it loads",
@@ -65,18 +77,22 @@ def causes(line: str, scene: Scene) -> Causes:
                 " whole nvidia-driver; in a container set NVIDIA_DRIVER_CAPABILITIES=all, and let VK_ICD_FILENAMES name"
                 " nvidia_icd.json."
             },
-        )
-    elif OSMESA.search(line):
-        yield Cause(
+        ),
+    ),
+    (
+        OSMESA,
+        Cause(
             "osmesa",
             "OSMesa, which draws without a GPU, is missing or too old for PyOpenGL",
             {
                 "environment": {"PYOPENGL_PLATFORM": "osmesa", "MUJOCO_GL": "osmesa"},
                 "text": "Install it: `apt-get install libosmesa6` or `conda install -c conda-forge mesalib`.",
             },
-        )
-    elif EGL.search(line):
-        yield Cause(
+        ),
+    ),
+    (
+        EGL,
+        Cause(
             "egl",
             "EGL, which draws without a screen, finds no device that this user may open",
             {
@@ -84,16 +100,31 @@ def causes(line: str, scene: Scene) -> Causes:
                 "text": "Install `apt-get install libegl1 libgl1`; the user needs /dev/dri (groups render and video)."
                 " Without a GPU use MUJOCO_GL=osmesa.",
             },
-        )
-    elif DISPLAY.search(line):
-        yield Cause(
+        ),
+    ),
+    (
+        DISPLAY,
+        Cause(
             "display",
             "the program opens a window, and no display can be reached",
             {"environment": {"MUJOCO_GL": "egl"}, "text": SERVER},
-        )
-    elif CONTEXT.search(line):
-        yield Cause(
+        ),
+    ),
+    (
+        CONTEXT,
+        Cause(
             "opengl",
             "no OpenGL context could be made: no display, or a driver without what is asked for",
             {"environment": {"MUJOCO_GL": "egl"}, "text": SERVER},
-        )
+        ),
+    ),
+)
+"""What a line says, and its cause; the first that fits counts."""
+
+
+def causes(line: str, scene: Scene) -> Causes:
+    """Yield the cause where a line says that a renderer, its driver or a display is missing."""
+    for pattern, cause in CAUSES:
+        if pattern.search(line) and not (pattern is VULKAN and MEMORY.search(line)):
+            yield cause
+            return

@@ -1,4 +1,4 @@
-"""Tell which package has a library, header or program that is missing, and which module is another file than meant."""
+"""Tell which package has a library, header or program that is missing, or which module is another file than meant."""
 
 from __future__ import annotations
 
@@ -11,14 +11,17 @@ from typing import Any, Dict, Iterator, NamedTuple, Optional, Tuple
 from ..adapters import carried_file
 from ..explain.api_history import PLACES
 from .api_causes import ATTRIBUTE, places_of
-from .scene import Cause, Causes, Pattern, Scene
+from .scene import Cause, Causes, Pattern, Scene, requirement_remedy
 
 LIBRARY = Pattern(
     r"\b(lib[\w+-]+\.so(?:\.\d+)*)\W*(?:: )?(?:cannot open shared object file|not found|No such file|\(no such file)"
-    r"|(?:[Ll]ibrary|load|find) [`'\"]?(lib[\w+-]+\.so(?:\.\d+)*)",
-    ".so",
-)
-HEADER = Pattern(r"fatal error: '?((?:[\w.+-]+/)*[\w.+-]+\.h(?:pp)?)'?(?:: | file not found)", "fatal error: ")
+    r"|(?:[Ll]ibrary|load|find) [`'\"]?(lib[\w+-]+\.so(?:\.\d+)*)|Library \"(\w+)\" not found",
+    ".so", "Library ",
+)  # fmt: skip
+HEADER = Pattern(
+    r"fatal error: '?((?:[\w.+-]+/)*[\w.+-]+\.h(?:pp)?)'?(?:: | file not found)|The '([\w/]+\.h)' .*are missing",
+    "fatal error: ", "are missing",
+)  # fmt: skip
 """Compilers say the rest in the language of their user."""
 
 LINKED = Pattern(r"cannot find -l([\w+-]+)|library not found for -l([\w+-]+)", " -l")
@@ -42,6 +45,18 @@ CONDA = {
 """Packages of conda-forge, by the library without its version, the header or the program."""
 
 
+BESIDE = {"mpi.h": "libopenmpi-dev"}
+"""Headers that Debian has in a folder of their own."""
+
+VENDORS = {
+    "libcoppeliaSim.so": (
+        "coppeliasim",
+        "Install CoppeliaSim, and set COPPELIASIM_ROOT and LD_LIBRARY_PATH to its folder, as PyRep says.",
+    ),
+}
+"""Libraries of programs that no package brings, by the name without a version: the program, and what to do."""
+
+
 class MissingFile(NamedTuple):
     """A missing file, `kind` in words, and the packages that have it, or with `other` another version of it."""
 
@@ -54,8 +69,13 @@ class MissingFile(NamedTuple):
 
 def causes(line: str, scene: Scene) -> Causes:
     """Yield the cause where a line names a library, header or program that some package has."""
+    library = LIBRARY.search(line)
+    stem = re.sub(r"\.so[\d.]*$", ".so", next(filter(None, library.groups()))) if library else ""
     file = find(line)
-    if file is not None:
+    if stem in VENDORS and ERROR.search(line):
+        program, way = VENDORS[stem]
+        yield Cause(program, "`{}` belongs to {}, and the loader does not find it".format(stem, program), {"text": way})
+    elif file is not None:
         yield _headers_of_python() if file.name == "Python.h" else _cause(file)
 
 
@@ -86,7 +106,7 @@ def find(line: str) -> Optional[MissingFile]:
     for kind, table, name in _named(line):
         stem = re.sub(r"\.so[\d.]*$", ".so", name)
         files = _tables().get(table, {})
-        exact = files.get(name)
+        exact = files.get(name) or BESIDE.get(name)
         debian = exact or _of_stem(files, stem) if table == "libraries" else exact
         conda = CONDA.get(stem)
         if debian or conda:
@@ -104,7 +124,7 @@ def _named(line: str) -> Iterator[Tuple[str, str, str]]:
         match = pattern.search(line)
         if match and ERROR.search(line):
             name = next(filter(None, match.groups()))
-            yield kind, table, "lib{}.so".format(name) if table == "links" else name
+            yield kind, table, name if "." in name or table in {"headers", "programs"} else "lib{}.so".format(name)
 
 
 def _of_stem(files: Dict[str, str], stem: str) -> Optional[str]:
@@ -139,3 +159,84 @@ def shadowed(line: str, scene: Scene) -> Causes:
     )
     way = "`python -c 'import {0}; print({0})'` says what it is: rename it or go elsewhere, then install {1} again."
     yield Cause("file", text, {"text": way.format(module, history.package)})
+
+
+# --- files of an old MuJoCo ----------------------------------------------------------------------------------
+
+FOLDERS = {"131": "mjpro131", "140": "mjpro140", "150": "mjpro150", "200": "mujoco200", "210": "mujoco210"}
+"""The folder below ~/.mujoco by the number of a MuJoCo release."""
+
+NUMBERED = Pattern(
+    r"missing MuJoCo\.? .*(?:mjpro|mujoco)(\d{3})\b|cannot find -lmujoco(\d{3})\b|libmujoco(\d{3})\w*\.(?:so|dylib)"
+    r".*(?:cannot open|No such file|image not found|not found)|Could not find .*\.mujoco/(?:mujoco|mjpro)(\d{3})\b"
+    r"|No such file or directory: .*\.mujoco[/\\]+(?:mujoco|mjpro)(\d{3})\b",
+    "ujoco", "mjpro", "MuJoCo",
+)  # fmt: skip
+UNNAMED = Pattern(
+    r"missing MuJoCo\b|fatal error: '?(?:mujoco|mjmodel|mjdata|mjrender|mjui|mjvisualize|mujoco/mujoco)\.h\b"
+    r"|cannot find -lglew(?:osmesa|egl)\b|libglew(?:osmesa|egl)\.so: cannot open",
+    "MuJoCo", "glew", "fatal error",
+)  # fmt: skip
+OF_DM_CONTROL = Pattern(r"Cannot find MuJoCo library at", "Cannot find MuJoCo")
+KEY = Pattern(
+    r"(?:missing a )?[Ll]icense [Kk]ey for mujoco|mjkey\.txt|Invalid activation key", "mujoco", "mjkey", "key"
+)
+PATH = Pattern(
+    r"Missing path to your environment variable|add following line to (?:\.bashrc|.*LD_LIBRARY_PATH)"
+    r"|export LD_LIBRARY_PATH=\S*\.mujoco", "LD_LIBRARY_PATH", "Missing path",
+)  # fmt: skip
+WINDOWS = Pattern(r"DLL load failed while importing cymj", "cymj")
+
+
+def of_mujoco(line: str, scene: Scene) -> Causes:
+    """Yield the cause where a line says that files of a MuJoCo before 2.1.2 are missing, or are not found."""
+    if OF_DM_CONTROL.search(line):
+        text = "dm_control before 1.0 loads MuJoCo from a folder, and it is not there; later ones bring it"
+        yield Cause("dm-control", text, requirement_remedy("dm-control>=1.0"))
+        return
+    named, unnamed = NUMBERED.search(line), UNNAMED.search(line)
+    if named or unnamed:
+        number = next(filter(None, named.groups())) if named else None
+        yield _missing(number)
+    elif KEY.search(line) and "key" in line.lower():
+        yield _key()
+    elif PATH.search(line):
+        yield Cause(
+            "mujoco-binaries",
+            "mujoco-py finds MuJoCo's libraries only if LD_LIBRARY_PATH names their folder, before Python starts",
+            {"text": 'Type `export LD_LIBRARY_PATH="$LD_LIBRARY_PATH:$HOME/.mujoco/mujoco210/bin:/usr/lib/nvidia"`.'},
+        )
+    elif WINDOWS.search(line):
+        yield Cause(
+            "mujoco-binaries",
+            "since Python 3.8 Windows looks for libraries only in folders that were named: MuJoCo's bin folder was not",
+            {"text": "Call `os.add_dll_directory` with the bin folder of mujoco210 first, or use the package mujoco."},
+        )
+
+
+def _missing(number: Optional[str]) -> Cause:
+    number = number or "210"
+    version = "{}.{}".format(number[0], number[1:] if number[0] == "1" else number[1])
+    folder = FOLDERS.get(number, "mujoco{}".format(number))
+    source = "github.com/google-deepmind/mujoco/releases/tag/2.1.0" if number == "210" else "roboti.us/download.html"
+    return Cause(
+        "mujoco-{}-binaries".format(version),
+        "mujoco-py needs the files of MuJoCo {} in ~/.mujoco/{}, and does not find them".format(version, folder),
+        {
+            "text": "Unpack them from {0} to ~/.mujoco/{1}, and type `export LD_LIBRARY_PATH="
+            "$LD_LIBRARY_PATH:$HOME/.mujoco/{1}/bin`. New code needs none of this: `pip install mujoco`.".format(
+                source, folder
+            )
+        },
+    )
+
+
+def _key() -> Cause:
+    return Cause(
+        "mujoco-key",
+        "MuJoCo before 2.1 needs a licence file, ~/.mujoco/mjkey.txt; it is free now, and 2.1 needs none",
+        {
+            "requirements": ["mujoco-py>=2.1"],
+            "text": "Or put the free key from roboti.us/license.html into ~/.mujoco/mjkey.txt.",
+        },
+    )

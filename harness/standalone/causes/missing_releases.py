@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any, List, Mapping, Optional, Tuple
 
-from ..explain.api_history import History
+from ..explain.api_history import History, has_wheel
 from ..versions import canonical, is_version, specifiers
 from ..versions import version as parsed
 from .scene import PACKAGE, Cause, Causes, Pattern, Scene
@@ -221,6 +221,11 @@ def of_version(history: History, version: str, python: Optional[str], *, built: 
     return None
 
 
+def has_one(history: History, version: str, python: str) -> bool:
+    """Return whether a release has a wheel for a Python on Linux."""
+    return any(each["version"] == version and has_wheel(each, python) for each in history.plain["releases"])
+
+
 def _of_python(history: History, version: str, wants: str, python: str) -> Cause:
     package, other = history.package, newest_for(history, python)
     text = "{} {} requires Python {}, and this is Python {}".format(package, version, wants, python)
@@ -233,6 +238,9 @@ def of_any(history: History, python: str, version: Optional[str] = None) -> Opti
     package, newest = history.package, newest_for(history, python)
     name = "{} {}".format(package, version) if version else package
     text = "{} has no wheel for Python {} on Linux".format(name, python)
+    if newest is not None and version is None:
+        text = "{} {} is its newest release with a wheel for Python {} on Linux; this one was built, and that failed"
+        text = text.format(package, newest, python)
     if newest is not None and newest != version:
         return Cause(package, text, {"requirements": ["{}=={}".format(package, newest)]})
     pythons = wheel_pythons(history, version)
@@ -273,21 +281,6 @@ def wheel_pythons(history: History, version: Optional[str]) -> List[str]:
     """Return the Pythons for which a release, or the newest one, has wheels."""
     releases = [each for each in history.plain["releases"] if version in {None, each["version"]} and each.get("wheels")]
     return ["3.{}".format(minor) for minor in minors(releases[-1])] if releases else []
-
-
-def has_wheel(entry: Mapping[str, Any], python: str) -> bool:
-    """Return whether a release has a wheel for a Python (`3.N`) on Linux."""
-    major, minor = python.split(".")[:2]
-    own = re.compile(r"(?:cp{0}{1}|py3|py2\.py3)-".format(major, minor))
-    return any(
-        (own.match(tag) or ("abi3" in tag and _abi3(tag, int(minor)))) and ("any" in tag or "linux" in tag)
-        for tag in entry.get("wheels", ())
-    )
-
-
-def _abi3(tag: str, minor: int) -> bool:
-    least = re.match(r"cp3(\d+)", tag)
-    return least is not None and int(least.group(1)) <= minor
 
 
 def _admits(wants: str, python: str) -> bool:

@@ -30,6 +30,9 @@ MACHINE = Pattern(
     r"(?:mach-o file, but is an |have |wrong architecture.*)incompatible architecture|incompatible architecture \(have",
     "incompatible architecture",
 )
+BOUNDS = Pattern(r"OverflowError: Python integer -?\d+ out of bounds for u?int\d+", "out of bounds for")
+REMOVED = Pattern(r"`\w+` was removed from the ndarray class in NumPy 2\.0", "was removed from the ndarray class")
+PROTOBUF = Pattern(r"Descriptors cann?ot (?:not )?be created directly", "Descriptors ")
 UFUNC_OF_122 = 232
 """Bytes of a ufunc since NumPy 1.22."""
 
@@ -42,7 +45,7 @@ NUMPY_OF_API: Dict[int, str] = {
 
 def causes(line: str, scene: Scene) -> Causes:
     """Yield the cause where a line says that compiled parts do not fit."""
-    for rule in (_numpy, _system, _mujoco):
+    for rule in (_numpy, _numpy_values, _protobuf, _system, _mujoco):
         cause = rule(line, scene)
         if cause is not None:
             yield cause
@@ -64,6 +67,25 @@ def _numpy(line: str, scene: Scene) -> Optional[Cause]:
         way = "Or take a release of that package that was built with NumPy 2."
         return Cause("numpy", text, {"requirements": ["numpy<2"], "text": way})
     return None
+
+
+def _numpy_values(line: str, scene: Scene) -> Optional[Cause]:
+    if BOUNDS.search(line):
+        text = "since NumPy 2 a Python integer that is combined with an array has to fit into its type"
+        way = "Or convert first: `int(value)`, or an array of a wider type."
+        return Cause("numpy", text, {"requirements": ["numpy<2"], "text": way})
+    if REMOVED.search(line):
+        text = "NumPy 2 removed a method of arrays that is called here"
+        return Cause("numpy", text, {"requirements": ["numpy<2"]})
+    return None
+
+
+def _protobuf(line: str, scene: Scene) -> Optional[Cause]:
+    if not PROTOBUF.search(line):
+        return None
+    text = "protobuf 4 and newer refuse code that protoc before 3.19 generated"
+    way = "Or take a newer release of the package that brings the generated code (a file *_pb2.py)."
+    return Cause("protobuf", text, {"requirements": ["protobuf<3.21"], "text": way})
 
 
 def _of_size(kind: str, expected: int, size: int) -> Optional[Cause]:

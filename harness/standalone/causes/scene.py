@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Optional, Tuple
 
-from ..explain.api_history import History, Load, package_of
+from ..explain.api_history import PYTHON, History, Load, package_of
 from ..explain.failure_text import QUOTED, Failure
 from ..failures.matching import compile_once
 
@@ -107,14 +107,18 @@ class Scene(NamedTuple):
 
     def history(self, package: str) -> Optional[History]:
         """Return the history of a package, unless the environment at hand lacks the package."""
-        if self.installed is not None and package not in self.installed:
+        if self.installed is not None and package not in self.installed and package != PYTHON:
             return None
         return self.load(package)
 
     def history_with(self, module: str) -> Optional[History]:
         """Return the history of the package that has a module, by its dotted name."""
         package = package_of(module)
-        return self.history(package) if package else None
+        if package is None:
+            python = self.history(PYTHON)
+            is_part = python is not None and module.partition(".")[0] in python.plain.get("modules", {})
+            return python if is_part else None
+        return self.history(package)
 
 
 def requirement_remedy(requirement: str, text: str = "") -> Dict[str, Any]:

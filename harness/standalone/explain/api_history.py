@@ -1,13 +1,14 @@
 """Read the history of a package: which names, modules and environments each of its releases offers.
 
 The files are made by `harness/history`, one a package: two lines of JSON, gzipped one by one. The first has the
-releases, the second the names. Spans are [first, last] places in `releases`.
+releases and what they require, the second the names. Spans are [first, last] places in `releases`.
 """
 
 from __future__ import annotations
 
 import gzip
 import json
+import re
 import zlib
 from functools import lru_cache
 from typing import Any, Callable, Dict, Iterable, Iterator, List, Mapping, NamedTuple, Optional, Sequence, Tuple
@@ -24,6 +25,12 @@ OLD = "2021"
 
 LATE = "2020"
 """A name that came since this year may be missing for want of a newer release, even if later ones lost it again."""
+
+PYTHON = "python"
+"""The name of the history of Python's own library."""
+
+OLDEST = {PYTHON: "2018"}
+"""Another year than `OLD`, for what people keep longer."""
 
 ANCIENT = "2017"
 """Nobody runs a release from before this year: code that wants a name from then has another fault."""
@@ -105,7 +112,11 @@ class History:
             return None
         later = [place for place in considered if place in having and (here is None or place > here)]
         too_new = max(considered) not in having if here is None else not later
-        if here is None and not too_new and (self._uploaded(later[0]) < OLD or self._begins_late(considered[0])):
+        if (
+            here is None
+            and not too_new
+            and (self._uploaded(later[0]) < OLDEST.get(self.package, OLD) or self._begins_late(considered[0]))
+        ):
             return None
         run = _last_run(having, considered) if here is None or too_new else _first_run(later, having, considered)
         first, last = run
@@ -183,6 +194,21 @@ def decode(content: bytes) -> Optional[History]:
         return None
     others = unpacker.unused_data
     return History(Contents(first, lambda: begun + (gzip.decompress(others) if others else b"")))
+
+
+def has_wheel(entry: Mapping[str, Any], python: str) -> bool:
+    """Return whether a release has a wheel for a Python (`3.N`) on Linux."""
+    major, minor = python.split(".")[:2]
+    own = re.compile(r"(?:cp{0}{1}|py3|py2\.py3)-".format(major, minor))
+    return any(
+        (own.match(tag) or ("abi3" in tag and _abi3(tag, int(minor)))) and ("any" in tag or "linux" in tag)
+        for tag in entry.get("wheels", ())
+    )
+
+
+def _abi3(tag: str, minor: int) -> bool:
+    least = re.match(r"cp3(\d+)", tag)
+    return least is not None and int(least.group(1)) <= minor
 
 
 @lru_cache(maxsize=None)

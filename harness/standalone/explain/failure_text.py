@@ -188,6 +188,7 @@ MARKS = (
     r"^Fatal Python error: ",
     r"^CMake Error",
     r": (?:fatal )?error: ",
+    r": version `\S+' not found",
     r"^(?:\S*sh|env|\S+: line \d+): .*(?:command not found|No such file or directory|Permission denied)$",
     r"^\S+: can't open file '",
     r"^\[(?:Error|Fatal)\] \[",
@@ -230,9 +231,13 @@ QUOTED = 4
 """Lines of a text that is no log: somebody asks what they mean."""
 
 
+COMPLAINT = re.compile(r"^\[(?:Error|Fatal)\] \[|: version `\S+' not found")
+"""Lines of Isaac Sim and of the loader that call themselves errors in their own way."""
+
+
 def _complaints(lines: Sequence[str]) -> Iterator[str]:
     """Yield the lines that call themselves errors, the last ones first."""
-    complaints = [line for line in lines if said.ERROR.match(line) or re.match(r"^\[(?:Error|Fatal)\] \[", line)]
+    complaints = [line for line in lines if said.ERROR.match(line) or COMPLAINT.search(line)]
     yield from (shorten_line(line) for line in reversed(complaints[-40:]))
 
 

@@ -30,6 +30,11 @@ FACTS = [
     ("moviepy", "modules moviepy.editor", "1.0.3", "2.0.0"),
     ("gymnasium", "names gymnasium.wrappers FrameStack", "0.29.1", "1.0.0"),
     ("gym", "modules gym.envs.classic_control.rendering", "0.21.0", "0.22.0"),
+    ("python", "names inspect getargspec", "3.10", "3.11"),
+    ("python", "modules distutils", "3.11", "3.12"),
+    ("python", "members threading.Thread isAlive", "3.8", "3.9"),
+    ("pandas", "members pandas.core.frame.DataFrame append", "1.5.3", "2.0.0"),
+    ("scipy", "names scipy.integrate simps", "1.13.1", "1.14.0"),
 ]
 """Facts seen in environments of these releases: the name is there in the first, and not in the second."""
 

@@ -11,6 +11,7 @@ import pytest
 
 from harness.standalone.causes import derived_causes
 from harness.standalone.causes.scene import Pattern
+from harness.standalone.explain.api_history import load_shipped
 from harness.standalone.explain.explain_text import Facts, explain_text
 from harness.standalone.failures.matching import compile_once
 
@@ -30,6 +31,28 @@ def test_a_line_tells_its_cause(case: dict[str, str]) -> None:
     assert plain is not None
     assert plain["id"] == f"derived:{case['subject']}"
     assert case["words"] in f"{plain['cause']} {plain['remedy']}"
+
+
+@pytest.mark.parametrize(
+    ("line", "python"),
+    [
+        ("AttributeError: module 'inspect' has no attribute 'getargspec'. Did you mean: 'getargs'?", "<3.11"),
+        ("ImportError: cannot import name 'Self' from 'typing' (/usr/lib/python3.10/typing.py)", ">=3.11"),
+        ("ModuleNotFoundError: No module named 'imp'", "<3.12"),
+        ("AttributeError: 'Thread' object has no attribute 'isAlive'", "<3.9"),
+    ],
+)
+def test_the_library_of_python_has_a_history(line: str, python: str) -> None:
+    """Names that came or went with a version of Python lead to it."""
+    plain = explained(line, history=load_shipped)
+    assert plain is not None
+    assert (plain["id"], plain["remedy"]["python"]) == ("derived:python", python)
+
+
+@pytest.mark.parametrize("line", ["ModuleNotFoundError: No module named 'parser'", "No module named 'utils'"])
+def test_a_module_that_users_have_too_accuses_no_python(line: str) -> None:
+    """Python had a module `parser` until 3.9, and many projects have one of their own."""
+    assert explained(line, history=load_shipped) is None
 
 
 @pytest.mark.parametrize("case", LINES["own"], ids=lambda case: case["line"][:40])
