@@ -70,7 +70,7 @@ def main(arguments: list[str] | None = None) -> None:
         parser.error(f"{PLAN.name} has no {', '.join(sorted(unknown))}")
     for name in args.names or packages:
         reader = _Reader(name, packages[name], plan.helpers)
-        history = encode(fold(name, _without_placeholders([*reader.releases()])))
+        history = encode(fold(name, without_placeholders([*reader.releases()])))
         write_atomic(OUT / f"{name}.json.gz", history)
         print(f"{name}: {len(history):,} bytes, read from {reader.downloaded:,}", flush=True)
     write_atomic(OUT / import_table.FILE, import_table.encode(plan, OUT))
@@ -195,7 +195,7 @@ class _Reader:
         return downloaded
 
 
-def _without_placeholders(releases: list[MeasuredRelease]) -> list[MeasuredRelease]:
+def without_placeholders(releases: list[MeasuredRelease]) -> list[MeasuredRelease]:
     """Return the releases; those that held a name for a package to come count as not read."""
     sizes = sorted(_size(item) for item in releases if item.facts)
     least = sizes[len(sizes) // 2] / PLACEHOLDER if sizes else 0
@@ -206,7 +206,9 @@ def _without_placeholders(releases: list[MeasuredRelease]) -> list[MeasuredRelea
 
 
 def _size(release: MeasuredRelease) -> int:
-    return sum(map(len, release.facts.names.values())) if release.facts else 0
+    """Return the number of names, those that only running or a source in C tells among them."""
+    names = [facts.names for facts in (release.facts, release.ran) if facts]
+    return sum(map(len, {owner: some for facts in names for owner, some in facts.items()}.values()))
 
 
 def _tag(wheel: str) -> str:
