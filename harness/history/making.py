@@ -15,10 +15,12 @@ from typing import Any
 import msgspec
 
 from harness.history import (
+    c_names,
     describe_release,
     import_table,
     module_names,
     package_plan,
+    partial_sdists,
     partial_wheels,
     python_library,
     release_reader,
@@ -46,6 +48,9 @@ PLACEHOLDER = 20
 PROGRAMS = (release_reader, module_names, describe_release)
 """The programs on which a cached answer depends."""
 
+C_PROGRAMS = (c_names, partial_sdists)
+"""The programs on which an answer depends besides, if an sdist has the names in sources in C."""
+
 
 class ReleaseDocument(msgspec.Struct, frozen=True, kw_only=True):
     """The names that one file holds, what importing it tells besides, and the bytes that were read for it."""
@@ -69,7 +74,7 @@ def main(arguments: list[str] | None = None) -> None:
             write_atomic(OUT / f"{name}.json.gz", encode(fold(name, python_library.read())))
             continue
         reader = _Reader(name, packages[name], plan.helpers)
-        history = encode(fold(name, _without_placeholders([*reader.releases()])))
+        history = encode(fold(name, without_placeholders([*reader.releases()])))
         write_atomic(OUT / f"{name}.json.gz", history)
         print(f"{name}: {len(history):,} bytes, read from {reader.downloaded:,}", flush=True)
     write_atomic(OUT / import_table.FILE, import_table.encode(plan, OUT))
@@ -118,8 +123,10 @@ class _Reader:
     def _document(self, version: str, file: ChosenFile, *, big: bool) -> ReleaseDocument | None:
         """Return what was read of a file; None with a message if it cannot be read."""
         python = file.python.version if file.python else ""
-        programs = [Path(item.__file__ or "").read_text(encoding="utf-8") for item in PROGRAMS]
-        ways = (self.package.imports, self.package.run, self.package.without, big)
+        package, in_c = self.package, self._has_c_sources(file.artifact)
+        modules = (*PROGRAMS, *(C_PROGRAMS if in_c else ()))
+        programs = [Path(item.__file__ or "").read_text(encoding="utf-8") for item in modules]
+        ways = (package.imports, package.run, package.without, big, *((package.places(),) if in_c else ()))
         cached = cache_folder() / "history" / f"{digest(file.artifact.sha256, ways, python, *programs)}.json"
         try:
             if cached.is_file():
@@ -134,18 +141,24 @@ class _Reader:
         self.downloaded += document.downloaded
         return document
 
+    def _has_c_sources(self, artifact: Artifact) -> bool:
+        return bool(self.package.c_sources) and not artifact.is_wheel
+
     def _read(self, file: ChosenFile, *, big: bool) -> ReleaseDocument:
         with tempfile.TemporaryDirectory() as scratch:
             folder = Path(scratch) / "release"
-            files, downloaded = self._unpack(file.artifact, folder, big=big)
-            imports = self.package.imports
-            facts = (release_reader.read_listing if big else release_reader.read)(folder, imports, files)
+            if self._has_c_sources(file.artifact):
+                downloaded = self._unpack_sdist(file.artifact, folder)
+                facts, answers = c_names.read_release(folder, self.package)
+            else:
+                files, downloaded = self._unpack(file.artifact, folder, big=big)
+                read = release_reader.read_listing if big else release_reader.read
+                facts, answers = read(folder, self.package.imports, files), None
+                if self.package.run and file.python and facts.modules and not big:
+                    answers = release_runner.run(folder, self.package.run, file.python, self.helpers)
             if not facts.modules:
                 message = "none of its modules is in this file"
                 raise ValueError(message)
-            answers = None
-            if self.package.run and file.python and not big:
-                answers = release_runner.run(folder, self.package.run, file.python, self.helpers)
         failed = {**facts.failed, **((answers or {}).get("failed") or {})}
         if failed:
             print(f"{file.artifact.filename}: {failed}", file=sys.stderr, flush=True)
@@ -169,8 +182,24 @@ class _Reader:
         wheel.extract(folder, wanted)
         return wheel.names, wheel.downloaded
 
+    def _unpack_sdist(self, artifact: Artifact, folder: Path) -> int:
+        """Unpack what is needed of an sdist with sources in C, and keep it; return the bytes that were read for it."""
+        places, downloaded = self.package.places(), 0
+        archive = cache_folder() / "history" / "sources" / f"{digest(artifact.sha256, places)}.tar.gz"
 
-def _without_placeholders(releases: list[MeasuredRelease]) -> list[MeasuredRelease]:
+        def wanted(member: str) -> bool:
+            in_root = member.endswith(".py") and member.startswith(f"{self.package.source_root}/")
+            return member in places or in_root or partial_sdists.is_metadata(member)
+
+        if not archive.is_file():
+            part = folder.with_name("part.tar.gz")
+            downloaded = partial_sdists.fetch(artifact, part, places, wanted)
+            write_atomic(archive, part.read_bytes())
+        release_reader.unpack(archive, folder)
+        return downloaded
+
+
+def without_placeholders(releases: list[MeasuredRelease]) -> list[MeasuredRelease]:
     """Return the releases; those that held a name for a package to come count as not read."""
     sizes = sorted(_size(item) for item in releases if item.facts)
     least = sizes[len(sizes) // 2] / PLACEHOLDER if sizes else 0
@@ -181,7 +210,9 @@ def _without_placeholders(releases: list[MeasuredRelease]) -> list[MeasuredRelea
 
 
 def _size(release: MeasuredRelease) -> int:
-    return sum(map(len, release.facts.names.values())) if release.facts else 0
+    """Return the number of names, those that only running or a source in C tells among them."""
+    names = [facts.names for facts in (release.facts, release.ran) if facts]
+    return sum(map(len, {owner: some for facts in names for owner, some in facts.items()}.values()))
 
 
 def _tag(wheel: str) -> str:

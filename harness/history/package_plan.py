@@ -21,6 +21,9 @@ FIRST_PYTHON = Version("3.7")
 """The first Python of a harness's environments."""
 
 
+BUILD_SCRIPT = "setup.py"
+"""The file of an sdist that says for which macros its sources in C are compiled."""
+
 PARTS = {"major": 1, "minor": 2}
 
 
@@ -31,8 +34,9 @@ class PackagePlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     for the newest one; those before `since` are not read. `imports` are the top-level modules, empty where the files
     tell; `run` those to import. With `big` only the names of files and
     the metadata are read; by default this depends on the size of the newest wheel. `sdists` is False where a source
-    does not have the names that its wheel has. `without` are modules that are not read, and parameters are left out
-    where `signatures` is False.
+    does not have the names that its wheel has. `c_sources` are the files of an sdist with the names of modules in C, by
+    module, and `source_root` is its folder of modules in Python; such an sdist is read until these have passed.
+    `without` are modules that are not read, and parameters are left out where `signatures` is False.
     """
 
     each: str = "release"
@@ -41,8 +45,15 @@ class PackagePlan(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     run: tuple[str, ...] = ()
     big: bool | None = None
     sdists: bool = True
+    c_sources: dict[str, str] = {}
+    source_root: str = ""
     without: tuple[str, ...] = ()
     signatures: bool = True
+
+    def places(self) -> tuple[str, ...]:
+        """Return the files and the folder of an sdist that are read, if its names are in sources in C."""
+        root = (f"{self.source_root}/",) if self.source_root else ()
+        return ("PKG-INFO", BUILD_SCRIPT, *self.c_sources.values(), *root)
 
 
 LISTED = PackagePlan(each="newest", big=True)

@@ -29,6 +29,8 @@ FACTS = [
     ("typing-extensions", "names typing_extensions TypeIs", "4.10.0", "4.9.0"),
     ("moviepy", "modules moviepy.editor", "1.0.3", "2.0.0"),
     ("gymnasium", "names gymnasium.wrappers FrameStack", "0.29.1", "1.0.0"),
+    ("pybullet", "names pybullet getJointStateMultiDof", "2.3.7", "2.3.6"),
+    ("pybullet", "names pybullet changeDynamicsInfo", "1.0.3", "1.0.4"),
     ("gym", "modules gym.envs.classic_control.rendering", "0.21.0", "0.22.0"),
     ("python", "names inspect getargspec", "3.10", "3.11"),
     ("python", "modules distutils", "3.11", "3.12"),
@@ -36,7 +38,7 @@ FACTS = [
     ("pandas", "members pandas.core.frame.DataFrame append", "1.5.3", "2.0.0"),
     ("scipy", "names scipy.integrate simps", "1.13.1", "1.14.0"),
 ]
-"""Facts seen in environments of these releases: the name is there in the first, and not in the second."""
+"""Facts seen in environments or sources of these releases: the name is there in the first, and not in the second."""
 
 
 def files() -> list[Path]:
