@@ -1,8 +1,10 @@
-"""Explain single lines of real threads: `python -m benchmarks.lines [--set-aside]` writes `benchmarks/lines.md`.
+"""Explain lines and logs of real threads: `python -m benchmarks.lines [--set-aside] [--second]` writes `lines.md`.
 
 `lines.toml` has the lines and what is true of each. A hash of its id sets half of them aside: `--set-aside` prints the
 figures of that half, and nothing else of it. `lines-none.toml` has texts that are no such failure.
-`lines-more.toml` has further lines, all of them open, which were looked at while the rules were written.
+`lines-more.toml` and `logs.toml` have further lines and whole logs, all of them open, which were looked at while the
+rules were written. `lines-second.toml` and `logs-second.toml` were not: `--second` explains them and writes
+`lines-second.md`.
 `lines-judged.toml` has verdicts by hand, for answers that a program cannot judge.
 """
 
@@ -26,9 +28,11 @@ from harness.standalone.versions import canonical
 
 HERE = Path(__file__).parent
 LINES, NONE, JUDGED = HERE / "lines.toml", HERE / "lines-none.toml", HERE / "lines-judged.toml"
-MORE = HERE / "lines-more.toml"
+MORE, LOGS = HERE / "lines-more.toml", HERE / "logs.toml"
+SECOND = {"second lines": HERE / "lines-second.toml", "second logs": HERE / "logs-second.toml"}
 PAGE = HERE / "lines.md"
 PAGE_OF_ASIDE = HERE / "lines-set-aside.md"
+PAGE_OF_SECOND = HERE / "lines-second.md"
 RIGHT, WRONG, SILENT, BY_HAND = "right", "wrong", "silent", "to judge by hand"
 FACTS = Facts(history=load_shipped)
 VERDICTS = (RIGHT, WRONG, SILENT, BY_HAND)
@@ -49,6 +53,13 @@ true of each. Half of the lines are set aside by a hash of their id. An answer i
 names the package that is at fault, and bounds it on the right side or names it as missing. Answers that a program
 cannot judge are judged by hand in [lines-judged.toml](lines-judged.toml). *Silent* names no cause, or leaves open which
 side is at fault.
+"""
+
+HEAD_OF_SECOND = """# Lines and logs that were drawn when the rules were finished
+
+Made by `python -m benchmarks.lines --second`, once: [lines-second.toml](lines-second.toml) and
+[logs-second.toml](logs-second.toml). They were drawn from threads of other projects, too, and from repositories that
+little is known of. What a program cannot judge was judged by hand afterwards.
 """
 
 HEAD_OF_ASIDE = """# Single lines that no rule was written from
@@ -90,21 +101,34 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Explain the lines and the texts, print the figures and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--set-aside", action="store_true", help="print the figures of the half that is set aside, too")
+    parser.add_argument("--second", action="store_true", help="explain the second set, and write its page")
     args = parser.parse_args(arguments)
     texts = tomllib.loads(NONE.read_text(encoding="utf-8"))["text"]
     shipped = signatures()
     accused = [text for text in texts if explain_text(text["text"], shipped, FACTS).causes]
-    opened, more = list(answers(is_aside=False)), list(_explained(MORE))
-    parts = [HEAD, _figures("open half", opened), _figures("further lines", more)]
+    opened, more, logs = list(answers(is_aside=False)), list(_explained(MORE)), list(_explained(LOGS))
+    parts = [HEAD, _figures("open half", opened), _figures("further lines", more), _figures("logs", logs)]
     if args.set_aside:
         figures = _figures("half set aside", list(answers(is_aside=True)))
         print(figures)
         PAGE_OF_ASIDE.write_text(f"{HEAD_OF_ASIDE}\n{figures}", encoding="utf-8")
+    if args.second:
+        _write_second()
     parts.append(f"{len(accused)} of {len(texts)} texts that are no such failure are blamed on a package.\n")
     print("\n".join(parts[1:]))
     details = [*(_accusation(text) for text in accused), *map(_detail, opened)]
     parts += ["## Lines of the open half\n", *details, "## Further lines\n", *map(_detail, more)]
+    parts += ["## Logs\n", *map(_detail, logs)]
     PAGE.write_text("\n".join(parts), encoding="utf-8")
+
+
+def _write_second() -> None:
+    """Explain the second set, and write its figures and each answer."""
+    explained = {name: list(_explained(file)) for name, file in SECOND.items()}
+    figures = [_figures(name, some) for name, some in explained.items()]
+    print("\n".join(figures))
+    details = [part for name, some in explained.items() for part in (f"## The {name}\n", *map(_detail, some))]
+    PAGE_OF_SECOND.write_text("\n".join([HEAD_OF_SECOND, *figures, *details]), encoding="utf-8")
 
 
 def is_set_aside(identifier: str) -> bool:

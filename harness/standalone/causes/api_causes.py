@@ -25,6 +25,10 @@ IMPORTED = Pattern(
 )
 MODULE = Pattern("No module named {0}?({1}){0}?".format(QUOTE, DOTTED), "No module named ")
 MEMBER = Pattern("{0}({1}){0} (?:object )?has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD), "has no attribute")
+REMOVED = Pattern(
+    r"\b(?:was|were|been|is|and) removed (?:from [\w. ]+ )?in (?:the )?([A-Z][\w-]*) v?(\d+(?:\.\d+)+)(?![\w.]*\d)",
+    " removed ",
+)
 SCHEMA = Pattern(
     r"XML [Ee]rror: Schema violation: unrecognized (element|attribute)"
     r"(?:: {0}?(\w+){0}?)?(?:\W+Element {0}(\w+){0})?".format(QUOTE),
@@ -157,6 +161,26 @@ WRAPPERS = frozenset(
 
 def _members(history: History) -> List[Tuple[str, Any]]:
     return list(history.plain.get("members", {}).items())
+
+
+def removed(line: str, scene: Scene) -> Causes:
+    """Yield the cause that a package says itself that it removed what was asked for, and since when."""
+    match = REMOVED.search(line)
+    if match is None or "Warning" in line.partition(":")[0]:
+        return
+    name, version = match.group(1).lower(), match.group(2)
+    if scene.load(name) is not None:
+        text = "{} removed it in {}, as the message says".format(name, version)
+        yield Cause(name, text, requirement_remedy("{}<{}".format(name, version)))
+
+
+def entry_points(line: str, scene: Scene) -> Causes:
+    """Yield the cause that entry points are no dictionary any more."""
+    match = MEMBER.search(line)
+    if match and match.groups() == ("EntryPoints", "get"):
+        text = "entry points are no dictionary any more: in importlib-metadata since 5.0, and in Python since 3.12"
+        way = "With Python 3.12 take a newer release of the package that asks, or Python 3.11."
+        yield Cause("importlib-metadata", text, requirement_remedy("importlib-metadata<5", way))
 
 
 def _member(line: str, scene: Scene) -> Answers:

@@ -41,6 +41,8 @@ RULES: Sequence[Tuple[Rule, bool]] = (
     (graphics_causes.causes, True),
     (gpu_causes.causes, True),
     (missing_files.causes, True),
+    (api_causes.removed, True),
+    (api_causes.entry_points, True),
     (api_causes.wrapped, False),
     (api_causes.causes, False),
     (api_causes.misplaced, False),

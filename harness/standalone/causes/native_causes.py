@@ -31,7 +31,6 @@ MACHINE = Pattern(
     "incompatible architecture",
 )
 BOUNDS = Pattern(r"OverflowError: Python integer -?\d+ out of bounds for u?int\d+", "out of bounds for")
-REMOVED = Pattern(r"`\w+` was removed from the ndarray class in NumPy 2\.0", "was removed from the ndarray class")
 PROTOBUF = Pattern(r"Descriptors cann?ot (?:not )?be created directly", "Descriptors ")
 UFUNC_OF_122 = 232
 """Bytes of a ufunc since NumPy 1.22."""
@@ -74,9 +73,6 @@ def _numpy_values(line: str, scene: Scene) -> Optional[Cause]:
         text = "since NumPy 2 a Python integer that is combined with an array has to fit into its type"
         way = "Or convert first: `int(value)`, or an array of a wider type."
         return Cause("numpy", text, {"requirements": ["numpy<2"], "text": way})
-    if REMOVED.search(line):
-        text = "NumPy 2 removed a method of arrays that is called here"
-        return Cause("numpy", text, {"requirements": ["numpy<2"]})
     return None
 
 

@@ -143,12 +143,13 @@ class History:
         return "<={}".format(self.versions[last]) if between else "<{}".format(self.versions[after])
 
     def _begins_late(self, place: int) -> bool:
-        """Return whether releases of this time are older than the first one that was read: they may have a name."""
+        """Return whether releases of this time are older than the first one that was read: they may have a name.
+
+        A release 0.0.N holds the name of a package that is to come.
+        """
         earlier = self.plain["releases"][:place]
-        return any(
-            str(each.get("uploaded") or "") >= OLD and not parsed(str(each["version"])).is_prerelease
-            for each in earlier
-        )
+        versions = [parsed(str(each["version"])) for each in earlier if str(each.get("uploaded") or "") >= OLD]
+        return any(not version.is_prerelease and version.release[:2] != (0, 0) for version in versions)
 
     def _uploaded(self, place: int) -> str:
         return str(self.plain["releases"][place].get("uploaded") or "")
