@@ -1,4 +1,4 @@
-"""Read the library of each Python of this machine, as releases of a package `python`."""
+"""Read the library of each Python of this machine, as releases of a package."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from harness.history.api_history import MeasuredRelease, ReleaseEntry
 from harness.history.release_reader import NATIVE, ReleaseFacts
 from harness.machine import interpreters
 
-PACKAGE = "python"
+PACKAGE = "python-library"
 """The name of the history; no package of an index has it."""
 
 RELEASED = {

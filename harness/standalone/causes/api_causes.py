@@ -318,9 +318,8 @@ def availability_cause(what: str, there: Availability, scene: Scene) -> Cause:
             there.package, what, there.first, there.last, side(there)
         )
     if there.package == PYTHON:
-        return Cause(
-            PYTHON, "P" + text[1:] + _asker(scene, PYTHON), {"python": there.bound[len(PYTHON) :], "text": UPDATE}
-        )
+        remedy = {"python": there.bound[len(PYTHON) :], "text": UPDATE}
+        return Cause("python", text.replace(PYTHON, "Python", 1) + _asker(scene, PYTHON), remedy)
     return Cause(there.package, text + _asker(scene, there.package), requirement_remedy(there.bound))
 
 

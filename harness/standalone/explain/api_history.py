@@ -26,7 +26,7 @@ OLD = "2021"
 LATE = "2020"
 """A name that came since this year may be missing for want of a newer release, even if later ones lost it again."""
 
-PYTHON = "python"
+PYTHON = "python-library"
 """The name of the history of Python's own library."""
 
 OLDEST = {PYTHON: "2018"}

@@ -32,9 +32,9 @@ FACTS = [
     ("pybullet", "names pybullet getJointStateMultiDof", "2.3.7", "2.3.6"),
     ("pybullet", "names pybullet changeDynamicsInfo", "1.0.3", "1.0.4"),
     ("gym", "modules gym.envs.classic_control.rendering", "0.21.0", "0.22.0"),
-    ("python", "names inspect getargspec", "3.10", "3.11"),
-    ("python", "modules distutils", "3.11", "3.12"),
-    ("python", "members threading.Thread isAlive", "3.8", "3.9"),
+    ("python-library", "names inspect getargspec", "3.10", "3.11"),
+    ("python-library", "modules distutils", "3.11", "3.12"),
+    ("python-library", "members threading.Thread isAlive", "3.8", "3.9"),
     ("pandas", "members pandas.core.frame.DataFrame append", "1.5.3", "2.0.0"),
     ("scipy", "names scipy.integrate simps", "1.13.1", "1.14.0"),
 ]
