@@ -43,8 +43,8 @@ def load_measured() -> dict[str, Any]:
     if os.environ.get("HARNESS_RESULTS") or (Path(os.environ.get("HARNESS_STATE") or ".harness") / "cells").is_dir():
         from harness.reports.answers import result_index  # noqa: PLC0415 - start-up
 
-        return result_index.load_plain()
-    return {"cells": load_index()["cells"]}
+        return {**result_index.load_plain(), "overrides": load_index()["overrides"]}
+    return {key: load_index()[key] for key in ("cells", "overrides")}
 
 
 @cache
@@ -53,7 +53,7 @@ def load_index() -> Index:
     file = cache_path() / "remembered" / KIND / _name()
     with suppress(OSError, ValueError, KeyError):
         index: Index = json.loads(file.read_bytes())
-        return {key: index[key] for key in ("signatures", "literals", "cells")}
+        return {key: index[key] for key in ("signatures", "literals", "cells", "overrides")}
     collected = _make()
     _keep(file, json.dumps(collected).encode())
     return collected
@@ -77,16 +77,23 @@ def _sources() -> Iterator[Path]:
 
 def _make() -> Index:
     """Collect the known failures, the literals of their patterns, and the cells that failed."""
-    from harness.reports.answers import result_index  # noqa: PLC0415 - start-up
+    from harness.reports.answers import measured_cells, result_index  # noqa: PLC0415 - start-up
+    from harness.reports.explanations import overrides  # noqa: PLC0415 - start-up
     from harness.running.signatures import shipped_signatures  # noqa: PLC0415 - start-up
 
     signatures = [each.as_file for each in shipped_signatures.load_all()]
+    measured = result_index.load_shipped()
     cells = [
         {"id": cell.id, "requirements": list(cell.requirements), "causes": list(cell.causes), "decisive": cell.decisive}
-        for cell in result_index.load_shipped().cells
+        for cell in measured.cells
         if cell.causes or cell.decisive
     ]
-    return {"signatures": signatures, "literals": literals_of(signatures), "cells": cells}
+    return {
+        "signatures": signatures,
+        "literals": literals_of(signatures),
+        "cells": cells,
+        "overrides": overrides.working_overrides(measured_cells.read(measured)),
+    }
 
 
 def literals_of(signatures: Sequence[dict[str, Any]]) -> dict[str, list[list[str]]]:

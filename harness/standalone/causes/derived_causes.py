@@ -92,8 +92,9 @@ def _lines(failure: Failure) -> List[str]:
 
 def _diagnosis(line: str, cause: Cause, *, broad: bool) -> Diagnosis:
     name = "derived:{}".format(cause.subject)
+    asker = {"asker": cause.asker} if cause.asker else {}
     signature = Signature(
-        plain={"id": name, "cause": cause.text, "remedy": cause.remedy, "derived": True},
+        plain={"id": name, "cause": cause.text, "remedy": cause.remedy, "derived": True, **asker},
         id=name,
         phases=(),
         pattern=re.escape(line),

@@ -92,7 +92,8 @@ def _incompatible(line: str, scene: Scene) -> Optional[Cause]:
     text = "{} {} requires {}{}, but {} {} is installed".format(name, version, package, bound.strip(), package, there)
     other = _allowing(scene, name, package, there)
     way = "Or `{}=={}`, which allows {} {}.".format(name, other, package, there) if other and other != version else ""
-    return Cause(canonical(package), text, requirement_remedy(package + _bare(bound), way))
+    remedy = requirement_remedy(package + _bare(bound), way)
+    return Cause(canonical(package), text, remedy, asker=canonical(name))
 
 
 def _allowing(scene: Scene, name: str, package: str, there: str) -> Optional[str]:
@@ -168,9 +169,10 @@ def _depends(line: str, scene: Scene) -> Optional[Cause]:
     if rival is not None and _bare(rival[3]) != _bare(bound):
         second = "{} {} requires {}".format(rival[0], rival[1], rival[2] + _bare(rival[3]))
         remedy = "Take another release of {} or of {}.".format(name, rival[0])
-        return Cause(canonical(package), "{}, and {}".format(first, second), {"text": remedy})
+        return Cause(canonical(package), "{}, and {}".format(first, second), {"text": remedy}, asker=canonical(name))
     text = "{}, and something else that was asked for excludes it".format(first)
-    return Cause(canonical(package), text, requirement_remedy(wanted, "Or take another release of {}.".format(name)))
+    other = "Or take another release of {}.".format(name)
+    return Cause(canonical(package), text, requirement_remedy(wanted, other), asker=canonical(name))
 
 
 def _unsatisfied(line: str, scene: Scene) -> Optional[Cause]:

@@ -29,11 +29,15 @@ EVERYBODYS = frozenset(
 
 
 class Cause(NamedTuple):
-    """A derived cause: the package or file at fault, one or two sentences, and the remedy as documents hold it."""
+    """A derived cause: the package or file at fault, one or two sentences, and the remedy as documents hold it.
+
+    `asker` is the package whose requirement excludes the subject, where that is the conflict.
+    """
 
     subject: str
     text: str
     remedy: Mapping[str, Any]
+    asker: str = ""
 
 
 Causes = Iterator[Cause]

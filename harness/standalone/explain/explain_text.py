@@ -153,6 +153,7 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
         findings.append(("machine", WARNING, "this machine or its network is at fault, not a package: fix that first"))
     findings += _note_other_failure(failure, hits)
     findings += _note_measurements(failure, hits, here.measured)
+    findings += _note_overrides(hits, here.measured)
     return Explanation(failure, text_hints, hits, tuple(findings))
 
 
@@ -282,6 +283,22 @@ def _note_measurements(
     named = ["{} ({})".format(cell["id"], " ".join(cell.get("requirements", ())[:4])) for cell in same[:SHOWN]]
     more = " and {} more".format(len(same) - SHOWN) if len(same) > SHOWN else ""
     return [("measured", NOTE, shorten_line("measured here, too: " + "; ".join(named) + more))]
+
+
+def _note_overrides(hits: Sequence[Diagnosis], measured: Optional[Mapping[str, Any]]) -> List[Tuple[str, str, str]]:
+    """Return a note on measured cells that work against the requirement that is the conflict."""
+    cause = _deepest(hits)
+    plain: Mapping[str, Any] = cause.signature.plain if cause else {}
+    pairs = [
+        pair
+        for pair in (measured or {}).get("overrides", ())
+        if pair["asker"] == plain.get("asker") and plain.get("id") == "derived:{}".format(pair["package"])
+    ]
+    if not pairs:
+        return []
+    pair = pairs[-1]
+    text = "measured to work against that requirement: {asker} {version} with {package} {held} ({cell}); uv installs it"
+    return [("override", NOTE, (text + " with --override and a file that has `{package}=={held}`").format(**pair))]
 
 
 def _shape(line: Optional[str]) -> str:

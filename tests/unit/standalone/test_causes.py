@@ -116,3 +116,13 @@ def test_the_literals_of_a_pattern_are_in_whatever_it_finds() -> None:
         for line in lines:
             whole = compile_once(pattern.expression).search(line) is not None
             assert whole == (pattern.search(line) is not None), (line, pattern.expression)
+
+
+def test_a_conflict_names_the_override_that_was_measured() -> None:
+    """Others run the release that the requirement excludes; uv has a way to install it."""
+    line = "ERROR: gym 0.18.0 has requirement Pillow<=7.2.0, but you'll have pillow 8.1.0 which is incompatible."
+    pair = {"asker": "gym", "version": "0.18.0", "package": "pillow", "held": "9.5.0", "cell": "classic/py3.10"}
+    others = [{**pair, "asker": "other-package"}, {**pair, "package": "numpy"}]
+    notes = [text for _, _, text in explain_text(line, (), Facts(measured={"overrides": [pair, *others]})).findings]
+    assert [note for note in notes if "classic/py3.10" in note and "pillow==9.5.0" in note]
+    assert not explain_text(line, (), Facts(measured={"overrides": others})).findings
