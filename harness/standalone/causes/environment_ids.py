@@ -10,7 +10,7 @@ from .scene import QUOTE, Cause, Causes, Pattern, Scene
 
 UNKNOWN_ID = Pattern(
     "(?:Environment|\\bEnv(?= )|No registered env with id:?|No registered environment with (?:name|id):?"
-    "|Unknown environment:?|Namespace|not find (?:the )?environment:?) ?{0}?([\\w:./-]+?){0}?"
+    "|Unknown environment:?|Namespace\\b|not find (?:the )?environment:?) ?{0}?([\\w:./-]+?){0}?"
     "(?: doesn't exist| not found|[.,!`'\"\\s]|$)"
     .format(QUOTE),
     "nvironment", "registered env", "Namespace", "Env ", "not find",

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from typing import Optional, Set
+from typing import List, Optional, Set, Tuple
 
 from ..explain.import_names import package_with
 from ..requirements import Requirement, requirement
-from ..versions import canonical, is_version
+from ..versions import canonical, is_version, specifiers, unsatisfiable
 from ..versions import version as parsed_version
 from .scene import PACKAGE, Cause, Causes, Pattern, Scene, requirement_remedy
 
@@ -32,6 +32,7 @@ DEPENDS = Pattern(
     ),
     " depends on ",
 )
+REQUESTED = Pattern(r"The user requested ()({0})(?:\[[\w,-]+\])?{1}".format(PACKAGE, BOUND), "The user requested ")
 UV_NONE = Pattern(
     r"Because there (?:are|is) no versions? of ({0})(?:\[[\w,-]+\])?(?:{1})?(?: in the package registry)? and"
     r" ({0})(?:\[[\w,-]+\])?(?:==(\S+?))? depends on \1".format(PACKAGE, BOUND),
@@ -156,6 +157,9 @@ def _depends(line: str, scene: Scene) -> Optional[Cause]:
     match = DEPENDS.search(line)
     if match is None:
         return None
+    conflict = _conflict(scene.failure.text)
+    if conflict is not None:
+        return conflict
     stated = []
     rest = line
     while match:
@@ -173,6 +177,43 @@ def _depends(line: str, scene: Scene) -> Optional[Cause]:
     text = "{}, and something else that was asked for excludes it".format(first)
     other = "Or take another release of {}.".format(name)
     return Cause(canonical(package), text, requirement_remedy(wanted, other), asker=canonical(name))
+
+
+def _conflict(text: str) -> Optional[Cause]:
+    """Return the first two of all sentences of a text that exclude each other; None where none do."""
+    sentences: List[Tuple[str, str, str]] = []
+    for line in text.splitlines():
+        rest = line
+        for pattern in (DEPENDS, REQUESTED):
+            match = pattern.search(rest)
+            while match:
+                groups = match.groups()
+                asker = " ".join(groups[:-2]) or "your command"
+                sentences.append((asker, groups[-2], _bare(groups[-1] or "")))
+                rest = rest[match.end() :]
+                match = pattern.search(rest)
+    for number, (asker, package, bound) in enumerate(sentences):
+        for rival, rival_package, rival_bound in sentences[:number]:
+            if canonical(package) == canonical(rival_package) and _excludes(bound, rival_bound):
+                words = "{} requires {}, and {} requires {}".format(
+                    asker, package + bound, rival, rival_package + rival_bound
+                )
+                ways = [name for name in (asker, rival) if name != "your command"]
+                way = "Take another release of {}.".format(" or of ".join(name.split(" ")[0] for name in ways))
+                remedy = {"text": way}
+                if len(ways) == 1:
+                    remedy = requirement_remedy(
+                        package + (bound if ways[0] == asker else rival_bound), "Or t" + way[1:]
+                    )
+                return Cause(canonical(package), words, remedy, asker=canonical(ways[0].split(" ")[0]))
+    return None
+
+
+def _excludes(one: str, other: str) -> bool:
+    try:
+        return unsatisfiable([specifiers(one), specifiers(other)])
+    except ValueError:
+        return False
 
 
 def _unsatisfied(line: str, scene: Scene) -> Optional[Cause]:

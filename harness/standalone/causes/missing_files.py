@@ -45,6 +45,9 @@ CONDA = {
 """Packages of conda-forge, by the library without its version, the header or the program."""
 
 
+OF_TORCH = ("libtorch", "libc10")
+"""Libraries inside the package torch: Debian's own are for other programs."""
+
 BESIDE = {"mpi.h": "libopenmpi-dev"}
 """Headers that Debian has in a folder of their own."""
 
@@ -104,6 +107,8 @@ def _headers_of_python() -> Cause:
 def find(line: str) -> Optional[MissingFile]:
     """Return the missing file that a line names, if a package is known that has it."""
     for kind, table, name in _named(line):
+        if name.startswith(OF_TORCH):
+            continue
         stem = re.sub(r"\.so[\d.]*$", ".so", name)
         files = _tables().get(table, {})
         exact = files.get(name) or BESIDE.get(name)

@@ -126,3 +126,16 @@ def test_a_conflict_names_the_override_that_was_measured() -> None:
     notes = [text for _, _, text in explain_text(line, (), Facts(measured={"overrides": [pair, *others]})).findings]
     assert [note for note in notes if "classic/py3.10" in note and "pillow==9.5.0" in note]
     assert not explain_text(line, (), Facts(measured={"overrides": others})).findings
+
+
+def test_of_many_requirements_the_two_that_exclude_each_other_are_named() -> None:
+    """pip lists all that ask for a package; most of them agree."""
+    text = """The conflict is caused by:
+    The user requested numpy==2.2.5
+    robosuite 1.5.2 depends on numpy>=1.13.3
+    mink 0.0.5 depends on numpy<2.0.0
+"""
+    plain = explained(text)
+    assert plain is not None
+    assert plain["cause"] == "mink 0.0.5 requires numpy<2.0.0, and your command requires numpy==2.2.5"
+    assert plain["remedy"] == {"requirements": ["numpy<2.0.0"], "text": "Or take another release of mink."}
