@@ -1,10 +1,10 @@
-"""Explain lines and logs of real threads: `python -m benchmarks.lines [--set-aside] [--second]` writes `lines.md`.
+"""Explain lines and logs of real threads: `python -m benchmarks.lines [--set-aside] [--look NAME]` writes `lines.md`.
 
 `lines.toml` has the lines and what is true of each. A hash of its id sets half of them aside: `--set-aside` prints the
 figures of that half, and nothing else of it. `lines-none.toml` has texts that are no such failure.
 `lines-more.toml` and `logs.toml` have further lines and whole logs, all of them open, which were looked at while the
-rules were written. `lines-second.toml` and `logs-second.toml` were not: `--second` explains them and writes
-`lines-second.md`.
+rules were written. `lines-NAME.toml` and `logs-NAME.toml` were not: `--look NAME` explains them once and writes
+`lines-NAME.md`.
 `lines-judged.toml` has verdicts by hand, for answers that a program cannot judge.
 """
 
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import re
+import sys
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,10 +30,8 @@ from harness.standalone.versions import canonical
 HERE = Path(__file__).parent
 LINES, NONE, JUDGED = HERE / "lines.toml", HERE / "lines-none.toml", HERE / "lines-judged.toml"
 MORE, LOGS = HERE / "lines-more.toml", HERE / "logs.toml"
-SECOND = {"second lines": HERE / "lines-second.toml", "second logs": HERE / "logs-second.toml"}
 PAGE = HERE / "lines.md"
 PAGE_OF_ASIDE = HERE / "lines-set-aside.md"
-PAGE_OF_SECOND = HERE / "lines-second.md"
 RIGHT, WRONG, SILENT, BY_HAND = "right", "wrong", "silent", "to judge by hand"
 FACTS = Facts(history=load_shipped)
 VERDICTS = (RIGHT, WRONG, SILENT, BY_HAND)
@@ -55,11 +54,11 @@ cannot judge are judged by hand in [lines-judged.toml](lines-judged.toml). *Sile
 side is at fault.
 """
 
-HEAD_OF_SECOND = """# Lines and logs that were drawn when the rules were finished
+HEAD_OF_LOOK = """# Lines and logs that were drawn when the rules were finished
 
-Made by `python -m benchmarks.lines --second`, once: [lines-second.toml](lines-second.toml) and
-[logs-second.toml](logs-second.toml). They were drawn from threads of other projects, too, and from repositories that
-little is known of. What a program cannot judge was judged by hand afterwards.
+Made by `python -m benchmarks.lines --look {0}`, once: [lines-{0}.toml](lines-{0}.toml) and
+[logs-{0}.toml](logs-{0}.toml). What a program cannot judge was judged by hand afterwards. Whatever is mended for these
+texts from now on, this page stays as it is.
 """
 
 HEAD_OF_ASIDE = """# Single lines that no rule was written from
@@ -101,7 +100,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Explain the lines and the texts, print the figures and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--set-aside", action="store_true", help="print the figures of the half that is set aside, too")
-    parser.add_argument("--second", action="store_true", help="explain the second set, and write its page")
+    parser.add_argument(
+        "--look", metavar="NAME", help="explain a set that no rule was written from, and write its page"
+    )
     args = parser.parse_args(arguments)
     texts = tomllib.loads(NONE.read_text(encoding="utf-8"))["text"]
     shipped = signatures()
@@ -112,8 +113,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         figures = _figures("half set aside", list(answers(is_aside=True)))
         print(figures)
         PAGE_OF_ASIDE.write_text(f"{HEAD_OF_ASIDE}\n{figures}", encoding="utf-8")
-    if args.second:
-        _write_second()
+    if args.look:
+        _look(args.look)
     parts.append(f"{len(accused)} of {len(texts)} texts that are no such failure are blamed on a package.\n")
     print("\n".join(parts[1:]))
     details = [*(_accusation(text) for text in accused), *map(_detail, opened)]
@@ -122,13 +123,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     PAGE.write_text("\n".join(parts), encoding="utf-8")
 
 
-def _write_second() -> None:
-    """Explain the second set, and write its figures and each answer."""
-    explained = {name: list(_explained(file)) for name, file in SECOND.items()}
-    figures = [_figures(name, some) for name, some in explained.items()]
+def _look(name: str) -> None:
+    """Explain a set of lines and logs, and write its figures and each answer. Raises SystemExit for a second look."""
+    page = HERE / f"lines-{name}.md"
+    if page.is_file():
+        sys.exit(f"{page.name} is there: it was looked at before")
+    explained = {kind: list(_explained(HERE / f"{kind}-{name}.toml")) for kind in ("lines", "logs")}
+    figures = [_figures(f"{name} {kind}", some) for kind, some in explained.items()]
     print("\n".join(figures))
-    details = [part for name, some in explained.items() for part in (f"## The {name}\n", *map(_detail, some))]
-    PAGE_OF_SECOND.write_text("\n".join([HEAD_OF_SECOND, *figures, *details]), encoding="utf-8")
+    details = [part for kind, some in explained.items() for part in (f"## The {kind}\n", *map(_detail, some))]
+    page.write_text("\n".join([HEAD_OF_LOOK.format(name), *figures, *details]), encoding="utf-8")
 
 
 def is_set_aside(identifier: str) -> bool:

@@ -53,6 +53,24 @@ STANDARD = {
 USUAL = frozenset({"chunk", "distutils", "formatter", "parser", "symbol"})
 """Modules that older Pythons have, and that users have, too, or that a rule of its own is about."""
 
+ELSEWHERE = {
+    "cv_bridge": ("ROS", "Install ROS, source its setup.bash, and run the Python that it was built for."),
+    "habitat_sim": ("habitat-sim", "Type `conda install -c conda-forge -c aihabitat habitat-sim headless`."),
+    "isaacgym": ("Isaac Gym", "Download Preview 4 from NVIDIA's site, and type `pip install -e isaacgym/python`."),
+    "moveit_commander": ("ROS", "Install MoveIt, source its setup.bash, and run the Python that it was built for."),
+    "pyflex": ("PyFleX", "Compile it as SoftGym says; the package pyflex of the index is another one."),
+    "pytorch3d": ("PyTorch3D", "Build it, or take a wheel for your torch and Python, as its INSTALL.md says."),
+    "rclpy": ("ROS 2", "Install ROS 2, source its setup.bash, and run the Python that it was built for."),
+    "rospy": ("ROS", "Install ROS, source its setup.bash, and run the Python that it was built for."),
+}
+"""Modules of programs that are not on package indexes: the program, and how to get it."""
+
+TENSORFLOW_1 = frozenset(
+    "ConfigProto Session app contrib flags get_default_graph global_variables_initializer layers log placeholder"
+    " reset_default_graph set_random_seed to_float variable_scope".split()
+)
+"""Names that TensorFlow 2 does not have at the top any more (its guide to migration)."""
+
 UPDATE = "Or take a newer release of the package that imports it."
 OTHER_REMEDIES: Dict[str, Dict[str, Any]] = {
     "cmake": {
@@ -174,6 +192,15 @@ def removed(line: str, scene: Scene) -> Causes:
         yield Cause(name, text, requirement_remedy("{}<{}".format(name, version)))
 
 
+def of_tensorflow(line: str, scene: Scene) -> Causes:
+    """Yield the cause that TensorFlow 2 lacks a name of TensorFlow 1."""
+    match = ATTRIBUTE.search(line)
+    if match and match.group(1) == "tensorflow" and match.group(2) in TENSORFLOW_1:
+        text = "TensorFlow 2 has no `tensorflow.{}`, which was part of TensorFlow 1".format(match.group(2))
+        way = "Its wheels end with Python 3.7. Or write `tensorflow.compat.v1`, which has most names but contrib."
+        yield Cause("tensorflow", text, requirement_remedy("tensorflow<2", way))
+
+
 def entry_points(line: str, scene: Scene) -> Causes:
     """Yield the cause that entry points are no dictionary any more."""
     match = MEMBER.search(line)
@@ -249,12 +276,17 @@ def absent(line: str, scene: Scene) -> Causes:
     if match is None:
         return
     module = match.group(1).rstrip(".")
-    package, text = STANDARD.get(module.partition(".")[0], ("", ""))
+    top = module.partition(".")[0]
+    # A package that is there may lack one of its modules: then it is not missing.
+    package, text = STANDARD.get(module if module.startswith(("setuptools.", "pkg_resources.")) else top, ("", ""))
     if text:
         remedy: Dict[str, Any] = OTHER_REMEDIES.get(module) or (
             requirement_remedy(package, "Or use Python 3.11.") if package else {"text": UPDATE}
         )
         yield Cause(package.partition("<")[0] or "python", text, remedy)
+    elif top in ELSEWHERE:
+        name, way = ELSEWHERE[top]
+        yield Cause(name, "the module `{}` is part of {}, which no package index has".format(top, name), {"text": way})
     elif module.startswith("omni.isaac.orbit"):
         text = "Orbit is called Isaac Lab now: its modules became omni.isaac.lab, and `isaaclab` with Isaac Lab 2.0"
         yield Cause("isaaclab", text, {"text": "Take the Orbit that the program was written for, or the new names."})

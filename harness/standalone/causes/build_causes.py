@@ -33,6 +33,18 @@ REPLACED: Dict[str, Tuple[str, Dict[str, Any]]] = {
         "it needs a C++ compiler and minutes; conda-forge has it built",
         {"text": "Type `conda install -c conda-forge pybullet`, or take a Python that it has a wheel for."},
     ),
+    "egl-probe": (
+        "CMake 4 refuses its CMakeLists.txt",
+        {"requirements": ["cmake<4"], "text": "Or `hf-egl-probe` in its place."},
+    ),
+    "evdev": (
+        "it needs the headers of the Linux kernel",
+        {"text": "Type `apt-get install linux-libc-dev`, or install it by conda."},
+    ),
+    "mpi4py": (
+        "it needs an MPI with its compiler, mpicc",
+        {"text": "Type `apt-get install libopenmpi-dev`, or `conda install -c conda-forge mpi4py`."},
+    ),
     "dm-tree": ("older releases need Bazel or CMake", {"requirements": ["dm-tree>=0.1.8"]}),
     "labmaze": ("it needs Bazel where it has no wheel", {"requirements": ["labmaze>=1.0.6"]}),
     "free-mujoco-py": ("it is a copy of mujoco-py, and `mujoco` replaces both", {"requirements": ["mujoco"]}),
@@ -72,6 +84,11 @@ HINTS = (
         Pattern(r"module 'pkgutil' has no attribute 'ImpImporter'", "ImpImporter"),
         "setuptools", "Python 3.12 removed `pkgutil.ImpImporter`, which setuptools before 66.1 uses",
         {"requirements": ["setuptools>=66.1"], "text": "If an old package pins setuptools, take Python 3.11."},
+    ),
+    (
+        Pattern(r"requires? compiler and library support for the ISO C\+\+ (?:20)?\d\d", "ISO C++"),
+        "compiler", "the compiler here is older than the C++ of the sources, or does not turn it on by itself",
+        {"environment": {"CXXFLAGS": "-std=c++14"}, "text": "Or install a newer g++."},
     ),
     (
         Pattern(r"error: invalid command 'bdist_wheel'", "bdist_wheel"),

@@ -43,6 +43,7 @@ RULES: Sequence[Tuple[Rule, bool]] = (
     (missing_files.causes, True),
     (api_causes.removed, True),
     (api_causes.entry_points, True),
+    (api_causes.of_tensorflow, True),
     (api_causes.wrapped, False),
     (api_causes.causes, False),
     (api_causes.misplaced, False),

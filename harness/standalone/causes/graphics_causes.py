@@ -28,8 +28,8 @@ DISPLAY = Pattern(
 EGL = Pattern(
     r"Cannot initialize a EGL device display|Failed to initialize EGL|eglInitialize|eglGetDisplay|EGL_NOT_INITIALIZED"
     r"|EGL_BAD_\w+|(?:Failed|unable|Could not|failed) to (?:get|create|make|open|initialize)\b.*\bEGL|EGLError"
-    r"|has no attribute 'eglQueryString'|EGL: Failed|platform device extension",
-    "EGL", "egl",
+    r"|has no attribute 'eglQueryString'|EGL: Failed|platform device extension|\berr = 12(?:289|29\d|30[0-2])\b",
+    "EGL", "egl", "err = 12",
 )  # fmt: skip
 OSMESA = Pattern(
     r"OSMesaCreateContext\w*|libOSMesa|OSMesa: (?:Failed|could)|undefined symbol: glGetError"
@@ -37,12 +37,16 @@ OSMESA = Pattern(
     "OSMesa", "glGetError",
 )  # fmt: skip
 CONTEXT = Pattern(
-    r"[Ff]ailed to create (?:an? )?(?:OpenGL|GL|GLX|window|GLFW window)|gladLoadGL error"
+    r"[Ff]ailed to initialize Pyglet window|[Ff]ailed to create (?:an? )?(?:OpenGL|GL|GLX|window|GLFW window)"
+    r"|gladLoadGL error"
     r"|no OpenGL (?:context|\w+ context)|OpenGL .*version .*(?:not supported|or higher)"
     r"|GLX: (?:Failed|No GLX)|NoSuchConfigException|ContextException|could not create (?:GL|window)",
     "ontext", "glad", "OpenGL", "GLX", "NoSuchConfig", "window",
 )  # fmt: skip
-SOFTWARE = Pattern(r"libGL error: (?:failed to load driver|unable to load driver): swrast", "libGL error")
+SOFTWARE = Pattern(
+    r"(?i:libgl error: *(?:failed|unable) to load driver ?: ?\w+)|MESA-LOADER: failed to open \w+:? (?!.*No such file)",
+    "ibGL error", "ibgl error", "MESA-LOADER",
+)  # fmt: skip
 SERVER = (
     "On a machine without a screen set `MUJOCO_GL=egl` (or `osmesa`) before Python starts, or run it by `xvfb-run -a`."
 )

@@ -209,9 +209,9 @@ def _conflict(text: str) -> Optional[Cause]:
     return None
 
 
-def _excludes(one: str, other: str) -> bool:
+def _excludes(bound: str, other: str) -> bool:
     try:
-        return unsatisfiable([specifiers(one), specifiers(other)])
+        return unsatisfiable([specifiers(bound), specifiers(other)])
     except ValueError:
         return False
 

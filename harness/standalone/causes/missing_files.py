@@ -54,7 +54,13 @@ BESIDE = {"mpi.h": "libopenmpi-dev"}
 VENDORS = {
     "libcoppeliaSim.so": (
         "coppeliasim",
-        "Install CoppeliaSim, and set COPPELIASIM_ROOT and LD_LIBRARY_PATH to its folder, as PyRep says.",
+        "Install CoppeliaSim, and set COPPELIASIM_ROOT and LD_LIBRARY_PATH to its folder. PyRep wants a link there:"
+        " `ln -s libcoppeliaSim.so libcoppeliaSim.so.1`.",
+    ),
+    "libv_rep.so": (
+        "coppeliasim",
+        "PyRep of that time needs V-REP 3: set VREP_ROOT and LD_LIBRARY_PATH to its folder, and type"
+        " `ln -s libv_rep.so libv_rep.so.1` there. A newer PyRep uses CoppeliaSim.",
     ),
 }
 """Libraries of programs that no package brings, by the name without a version: the program, and what to do."""

@@ -31,6 +31,8 @@ MACHINE = Pattern(
     "incompatible architecture",
 )
 BOUNDS = Pattern(r"OverflowError: Python integer -?\d+ out of bounds for u?int\d+", "out of bounds for")
+ANOTHER_NUMPY = Pattern(r"expected np\.ndarray \(got numpy\.ndarray\)", "got numpy.ndarray")
+RAGGED = Pattern(r"requested array has an inhomogeneous shape after \d+ dimensions(?!.*\(2,\))", "inhomogeneous shape")
 PROTOBUF = Pattern(r"Descriptors cann?ot (?:not )?be created directly", "Descriptors ")
 UFUNC_OF_122 = 232
 """Bytes of a ufunc since NumPy 1.22."""
@@ -73,6 +75,15 @@ def _numpy_values(line: str, scene: Scene) -> Optional[Cause]:
         text = "since NumPy 2 a Python integer that is combined with an array has to fit into its type"
         way = "Or convert first: `int(value)`, or an array of a wider type."
         return Cause("numpy", text, {"requirements": ["numpy<2"], "text": way})
+    if ANOTHER_NUMPY.search(line):
+        text = "torch before 2.3 was compiled with NumPy 1, and NumPy 2 is installed"
+        return Cause("numpy", text, {"requirements": ["numpy<2"], "text": "Or `torch>=2.3`."})
+    if RAGGED.search(line):
+        text = (
+            "NumPy 1.24 and newer refuse to make an array of rows that differ in length; older ones made one of objects"
+        )
+        way = "Or make the rows alike, or write `dtype=object`."
+        return Cause("numpy", text, {"requirements": ["numpy<1.24"], "text": way})
     return None
 
 

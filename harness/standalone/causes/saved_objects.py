@@ -66,6 +66,9 @@ def _numpy(line: str, scene: Scene) -> Optional[Cause]:
     if match.group(1) == "_core":
         text = "the file was saved, or the package compiled, with NumPy 2, and NumPy 1 is installed"
         return Cause("numpy", text, {"requirements": ["numpy>=2"]})
+    if match.group(1) == "core._multiarray_umath":
+        text = "NumPy before 1.16 has no such module, or the compiled part of NumPy here is for another Python"
+        return Cause("numpy", text, {"requirements": ["numpy>=1.16"], "text": "Or install it again for this Python."})
     if match.group(1) == "random._pickle":
         text = "the file was saved with NumPy 1.17 or newer, and an older NumPy is installed"
         return Cause("numpy", text, {"requirements": ["numpy>=1.17"]})

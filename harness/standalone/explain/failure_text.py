@@ -186,7 +186,7 @@ MARKS = (
     r"^\s*what\(\):\s",
     r": Assertion .* failed",
     r"^Fatal Python error: ",
-    r"^CMake Error",
+    r"^\s*CMake Error",
     r": (?:fatal )?error: ",
     r": version `\S+' not found",
     r"^(?:\S*sh|env|\S+: line \d+): .*(?:command not found|No such file or directory|Permission denied)$",
@@ -231,8 +231,8 @@ QUOTED = 4
 """Lines of a text that is no log: somebody asks what they mean."""
 
 
-COMPLAINT = re.compile(r"^\[(?:Error|Fatal)\] \[|: version `\S+' not found")
-"""Lines of Isaac Sim and of the loader that call themselves errors in their own way."""
+COMPLAINT = re.compile(r"^\[(?:Error|Fatal)\] \[|: version `\S+' not found|^\s*CMake Error")
+"""Lines of Isaac Sim, of the loader and of CMake that call themselves errors in their own way."""
 
 
 def _complaints(lines: Sequence[str]) -> Iterator[str]:
