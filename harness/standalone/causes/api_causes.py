@@ -6,6 +6,7 @@ lies elsewhere, perhaps in the user's own code.
 
 from __future__ import annotations
 
+import re
 from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 from ..explain.api_history import OF_IMPORT, PYTHON, Availability, History
@@ -16,6 +17,7 @@ from .scene import DOTTED, EVERYBODYS, QUOTE, WORD, Cause, Causes, Pattern, Scen
 ATTRIBUTE = Pattern(
     "(?:^|[^\\w'])(?:module )?{0}({1}){0} has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD), "has no attribute"
 )
+UNNAMED = Pattern("cannot import name {0}?({1}){0}?\\s*$".format(QUOTE, WORD), "cannot import name ")
 OF_SOME_MODULE = Pattern(
     "{0}module{0} object has no attribute {0}({1}){0}".format(QUOTE, WORD), "object has no attribute"
 )
@@ -55,6 +57,10 @@ USUAL = frozenset({"chunk", "distutils", "formatter", "parser", "symbol"})
 
 ELSEWHERE = {
     "cv_bridge": ("ROS", "Install ROS, source its setup.bash, and run the Python that it was built for."),
+    "curobo": (
+        "cuRobo",
+        "Build it from its repository with this Python and torch: `pip install -e . --no-build-isolation`.",
+    ),
     "habitat_sim": ("habitat-sim", "Type `conda install -c conda-forge -c aihabitat habitat-sim headless`."),
     "isaacgym": ("Isaac Gym", "Download Preview 4 from NVIDIA's site, and type `pip install -e isaacgym/python`."),
     "moveit_commander": ("ROS", "Install MoveIt, source its setup.bash, and run the Python that it was built for."),
@@ -109,7 +115,9 @@ def _attribute(line: str, scene: Scene) -> Answers:
     elif imported:
         name, module = imported.groups()
     else:
-        return
+        name, module = _imported_by_source(line, scene)
+    if not module or "depricated_handler" in scene.failure.text:
+        return  # PettingZoo's own message, whatever failed
     history = scene.history_with(module)
     if history is None:
         return
@@ -117,8 +125,15 @@ def _attribute(line: str, scene: Scene) -> Answers:
     there = where(history, spans or history.spans("modules", "{}.{}".format(module, name)), scene)
     # A module is no attribute until somebody imports it: then no release is too old.
     is_known = history.spans("names", module) is not None
-    if spans or imported or not is_known or (there and there.too_new):
+    if spans or not attribute or not is_known or (there and there.too_new):
         yield "`{}.{}`".format(module, name), there
+
+
+def _imported_by_source(line: str, scene: Scene) -> Tuple[str, str]:
+    """Return the name and the module of a failed import, where only the line of source names the module."""
+    match = UNNAMED.search(line)
+    source = match and re.search(r"from ([\w.]+) import [^\n#]*\b{}\b".format(match.group(1)), scene.failure.text)
+    return (match.group(1), source.group(1)) if match and source else ("", "")
 
 
 def _some_module(line: str, scene: Scene) -> Answers:
@@ -158,6 +173,11 @@ def wrapped(line: str, scene: Scene) -> Causes:
     owner, name = match.group(1).rpartition(".")[2], match.group(2)
     if name.startswith("_") or owner not in WRAPPERS or (scene.installed and "gymnasium" not in scene.installed):
         return
+    if owner in OF_GYM_TOO and not (scene.speaks_of("gymnasium") or scene.installed or "gymnasium" in scene.versions):
+        text = "the wrapper {} forwards no attributes, and `{}` belongs to the environment inside".format(owner, name)
+        way = "Write `env.unwrapped.{}`. gymnasium before 1.0 and most releases of gym forward them.".format(name)
+        yield from () if name in REMOVED_FROM_GYM else (Cause("gymnasium", text, {"text": way}),)
+        return
     history = scene.load("gymnasium")
     is_own = bool(history and any(name in names for path, names in _members(history) if path.endswith("." + owner)))
     if scene.versions.get("gymnasium", FORWARDING).split(".")[0] != "0" and not is_own:
@@ -167,6 +187,12 @@ def wrapped(line: str, scene: Scene) -> Causes:
         way = "Or write `env.unwrapped.{}`.".format(name)
         yield Cause("gymnasium", text, requirement_remedy("gymnasium<{}".format(FORWARDING), way))
 
+
+OF_GYM_TOO = frozenset({"TimeLimit"})
+"""Wrappers of today that gym had from its beginnings on."""
+
+REMOVED_FROM_GYM = frozenset({"configure", "monitor", "seed"})
+"""Attributes of all environments that gym removed."""
 
 WRAPPERS = frozenset(
     "OrderEnforcing PassiveEnvChecker TimeLimit Autoreset AutoResetWrapper RecordEpisodeStatistics RecordVideo"

@@ -33,7 +33,7 @@ RULES: Sequence[Tuple[Rule, bool]] = (
     (environment_ids.released, False),
     (missing_files.of_mujoco, True),
     (saved_objects.causes, True),
-    (python_causes.causes, False),
+    (python_causes.causes, True),
     (build_causes.causes, True),
     (installer_conflicts.refusals, True),
     (environment_ids.causes, True),

@@ -26,6 +26,7 @@ ROMS = Pattern(
     r"|rom file .* (?:missing|not found)|We're Unable to find the game",
     "ROM", "rom", "find game", "find the game",
 )  # fmt: skip
+RETRO = Pattern(r"Game not found: \S+\. Did you make sure to import the ROM", "Game not found")
 SUGGESTED = Pattern(r"Did you mean: [`'\"]?([\w:./-]+)", "Did you mean")
 VALID = Pattern(r"valid versions include \[([^\]]*)\]", "valid versions include")
 OWNERS: Tuple[Tuple[str, str, str], ...] = (
@@ -79,6 +80,10 @@ def released(line: str, scene: Scene) -> Causes:
 
 def causes(line: str, scene: Scene) -> Causes:
     """Yield the cause where the package of an environment id did not register it, or a game has no ROM."""
+    if RETRO.search(line):
+        text = "the games of gym-retro come without their ROMs, and this one was not imported"
+        yield Cause("atari-roms", text, {"text": "Type `python -m retro.import FOLDER` with the folder of your ROMs."})
+        return
     if ROMS.search(line):
         yield _roms(scene)
         return

@@ -107,6 +107,9 @@ def causes(line: str, scene: Scene) -> Causes:
 def _architecture(line: str, scene: Scene) -> Optional[Cause]:
     if not ARCHITECTURE.search(line):
         return None
+    if scene.speaks_of("isaacgym", "isaacgymenvs", "gymapi", "carb.gym.plugin"):
+        text = "Isaac Gym's own kernels, or this build of torch, have no code for this GPU"
+        return Cause("isaacgym", text, {"text": "Take another GPU, or Isaac Lab, which follows Isaac Gym."})
     device = re.search(r"capability sm_(\d+) is not compatible", scene.failure.text)
     listed = re.search(r"supports CUDA capabilities ([\w ]+)", scene.failure.text)
     listed_numbers = [int(each) for each in CAPABILITY.findall(listed.group(1))] if listed else []

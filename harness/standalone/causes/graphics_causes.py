@@ -43,9 +43,11 @@ CONTEXT = Pattern(
     r"|GLX: (?:Failed|No GLX)|NoSuchConfigException|ContextException|could not create (?:GL|window)",
     "ontext", "glad", "OpenGL", "GLX", "NoSuchConfig", "window",
 )  # fmt: skip
+GLEW = Pattern(r"undefined symbol: __glew\w+", "__glew")
 SOFTWARE = Pattern(
-    r"(?i:libgl error: *(?:failed|unable) to load driver ?: ?\w+)|MESA-LOADER: failed to open \w+:? (?!.*No such file)",
-    "ibGL error", "ibgl error", "MESA-LOADER",
+    r"(?i:libgl error: *(?:failed|unable) to load driver ?: ?\w+)|MESA-LOADER: failed to open \w+:? (?!.*No such file)"
+    r"|using old-style GLX context",
+    "ibGL error", "ibgl error", "MESA-LOADER", "old-style GLX",
 )  # fmt: skip
 SERVER = (
     "On a machine without a screen set `MUJOCO_GL=egl` (or `osmesa`) before Python starts, or run it by `xvfb-run -a`."
@@ -53,6 +55,17 @@ SERVER = (
 
 
 CAUSES = (
+    (
+        GLEW,
+        Cause(
+            "libglew",
+            "MuJoCo before 2.2 draws by functions of GLEW, and libGLEW was not loaded before it",
+            {
+                "environment": {"LD_PRELOAD": "/usr/lib/x86_64-linux-gnu/libGLEW.so"},
+                "text": "Install it: `apt-get install libglew-dev`. Off screen use EGL or OSMesa, without LD_PRELOAD.",
+            },
+        ),
+    ),
     (
         SOFTWARE,
         Cause(

@@ -81,6 +81,10 @@ def causes(line: str, scene: Scene) -> Causes:
     library = LIBRARY.search(line)
     stem = re.sub(r"\.so[\d.]*$", ".so", next(filter(None, library.groups()))) if library else ""
     file = find(line)
+    if "Could not load libtorchcodec" in line:
+        way = "`conda install -c conda-forge ffmpeg` or `apt-get install ffmpeg`; else the torchcodec for your torch."
+        yield Cause("ffmpeg", "torchcodec finds no FFmpeg that it knows, or was made for another torch", {"text": way})
+        return
     if stem in VENDORS and ERROR.search(line):
         program, way = VENDORS[stem]
         yield Cause(program, "`{}` belongs to {}, and the loader does not find it".format(stem, program), {"text": way})
@@ -151,6 +155,10 @@ def _tables() -> Dict[str, Any]:
     return tables
 
 
+NAMING = frozenset({"jax"})
+"""Packages whose modules name in their source what they removed: it does not tell what is there."""
+
+
 def shadowed(line: str, scene: Scene) -> Causes:
     """Yield the cause that something else bears the name of a module, all of whose releases have what was asked for."""
     match = ATTRIBUTE.search(line)
@@ -159,7 +167,12 @@ def shadowed(line: str, scene: Scene) -> Causes:
     module, name = match.groups()
     history = scene.history_with(module)
     spans = history.spans("names", module, name) if history else None
-    if history is None or not spans or history.spans("modules", "{}.{}".format(module, name)):
+    if (
+        history is None
+        or not spans
+        or history.package in NAMING
+        or history.spans("modules", "{}.{}".format(module, name))
+    ):
         return  # a module of its own may be missing while the package is being imported
     if not set(history.read) <= set(places_of(spans)):
         return

@@ -17,13 +17,21 @@ SUBSCRIPT = Pattern(r"'type' object is not subscriptable", "is not subscriptable
 BUILTIN = re.compile(r"(?<![\w.])(?:list|dict|tuple|set|frozenset|type)\[")
 MUTABLE = Pattern(r"mutable default <class '([\w.]+)'> for field (\w+) is not allowed", "mutable default ")
 MATCH = re.compile(r"^ *match [^\n=]+:\n[ ^~]*\nSyntaxError: invalid syntax", re.MULTILINE)
+ABSTRACT = Pattern(
+    r"cannot import name '?(\w+)'? from '?collections'?(?! *\.)|module 'collections' has no attribute '(\w+)'",
+    "collections",
+)
+ABSTRACT_CLASSES = frozenset(
+    "Callable Container Generator Hashable ItemsView Iterable Iterator KeysView Mapping MappingView MutableMapping"
+    " MutableSequence MutableSet Sequence Set Sized ValuesView".split()
+)
 BUILTIN_MUTABLES = frozenset({"list", "dict", "set"})
 """Types that every Python refuses as a default of a field."""
 
 
 def causes(line: str, scene: Scene) -> Causes:
     """Yield the cause where the code is for a newer or an older Python."""
-    union, mutable = UNION.search(line), MUTABLE.search(line)
+    union, mutable, abstract = UNION.search(line), MUTABLE.search(line), ABSTRACT.search(line)
     if union:
         kinds = [name.rpartition(".")[2] for name in union.groups()]
         if TYPES.intersection(kinds):
@@ -34,6 +42,10 @@ def causes(line: str, scene: Scene) -> Causes:
         yield _newer("`list[int]` and its like are there since Python 3.9", "3.9")
     elif "SyntaxError" in line and MATCH.search(scene.failure.text):
         yield _newer("`match` is there since Python 3.10", "3.10")
+    elif abstract and next(filter(None, abstract.groups())) in ABSTRACT_CLASSES:
+        text = "Python 3.10 took `{}` out of collections: it is in collections.abc since 3.3"
+        way = "Or take a newer release of the package that imports it, or write `collections.abc` there."
+        yield Cause("python", text.format(next(filter(None, abstract.groups()))), {"python": "<3.10", "text": way})
     elif mutable and mutable.group(1) not in BUILTIN_MUTABLES:
         name = mutable.group(1)
         package = package_with(name.partition(".")[0])

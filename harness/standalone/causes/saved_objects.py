@@ -12,6 +12,8 @@ UNPICKLED = Pattern(
     "Can't get attribute",
 )
 NUMPY_MODULE = Pattern(r"No module named {0}numpy\.(_core\b|random\._pickle|core\.\w+){0}?".format(QUOTE), "numpy.")
+POINTER = Pattern(r"invalid load key, 'v'", "invalid load key")
+LOADER = Pattern(r"load\(\) missing 1 required positional argument: '?Loader'?", "'Loader'", " Loader")
 BYTECODE = Pattern(
     r"code\(\) argument \d+ must be \w+, not \w+|code(?:\(\))? (?:expected|takes) at most \d+ arguments"
     r"|unknown opcode|bad marshal data|unsupported pickle protocol: (\d)",
@@ -28,7 +30,7 @@ ALGORITHM = Pattern(
 
 def causes(line: str, scene: Scene) -> Causes:
     """Yield the cause where an object was saved by, or made for, other packages than those that are here."""
-    for rule in (_unpickled, _numpy, _bytecode, _spaces):
+    for rule in (_unpickled, _file, _numpy, _bytecode, _spaces):
         cause = rule(line, scene)
         if cause is not None:
             yield cause
@@ -52,6 +54,18 @@ def _unpickled(line: str, scene: Scene) -> Optional[Cause]:
     if there is not None:
         return Cause(package, text, {"requirements": [there.bound]})
     return Cause(package, text, {"text": "Load it with the releases of {} and Python that saved it.".format(package)})
+
+
+def _file(line: str, scene: Scene) -> Optional[Cause]:
+    if POINTER.search(line):
+        text = "the file is a pointer of Git LFS (`version https://git-lfs...`), not the file itself"
+        return Cause(
+            "git-lfs", text, {"text": "Install git-lfs, and type `git lfs install; git lfs pull` in its folder."}
+        )
+    if LOADER.search(line):
+        text = "PyYAML 6 wants to be told how to load: `yaml.load(file)` has no default any more"
+        return Cause("pyyaml", text, {"requirements": ["pyyaml<6"], "text": "Or write `yaml.safe_load(file)`."})
+    return None
 
 
 def _numpy(line: str, scene: Scene) -> Optional[Cause]:

@@ -23,6 +23,9 @@ Spans = Sequence[Sequence[int]]
 OLD = "2021"
 """A name that was there before this year is hardly missing for want of a newer release, unless a version is known."""
 
+FEW = 5
+"""Releases that a package had before it was published regularly."""
+
 LATE = "2020"
 """A name that came since this year may be missing for want of a newer release, even if later ones lost it again."""
 
@@ -143,13 +146,14 @@ class History:
         return "<={}".format(self.versions[last]) if between else "<{}".format(self.versions[after])
 
     def _begins_late(self, place: int) -> bool:
-        """Return whether releases of this time are older than the first one that was read: they may have a name.
+        """Return whether a few releases of this time are older than the first one that was read: they may have a name.
 
-        A release 0.0.N holds the name of a package that is to come.
+        People took such a package from its repository before. A release 0.0.N holds the name of one that is to come.
         """
         earlier = self.plain["releases"][:place]
         versions = [parsed(str(each["version"])) for each in earlier if str(each.get("uploaded") or "") >= OLD]
-        return any(not version.is_prerelease and version.release[:2] != (0, 0) for version in versions)
+        unread = [version for version in versions if not version.is_prerelease and version.release[:2] != (0, 0)]
+        return 0 < len(unread) <= FEW
 
     def _uploaded(self, place: int) -> str:
         return str(self.plain["releases"][place].get("uploaded") or "")

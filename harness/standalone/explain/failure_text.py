@@ -68,7 +68,7 @@ def read_failure(text: str, *, surely: bool = False) -> Failure:
         marked = marked or RAISED.search(text) is not None or _complains(lines)
     failed = marked or surely
     first = decisive if failed else None
-    every = [line for line in [first, *reversed(picked), *_complaints(lines)] if line]
+    every = [line for line in [first, *reversed(picked), *_complaints(lines, with_others=not picked)] if line]
     region = _region(lines, first) if first in picked else ""
     return Failure(
         decisive=first,
@@ -189,6 +189,7 @@ MARKS = (
     r"^\s*CMake Error",
     r": (?:fatal )?error: ",
     r": version `\S+' not found",
+    r"^Failed to create an OpenGL context",
     r"^(?:\S*sh|env|\S+: line \d+): .*(?:command not found|No such file or directory|Permission denied)$",
     r"^\S+: can't open file '",
     r"^\[(?:Error|Fatal)\] \[",
@@ -231,13 +232,20 @@ QUOTED = 4
 """Lines of a text that is no log: somebody asks what they mean."""
 
 
-COMPLAINT = re.compile(r"^\[(?:Error|Fatal)\] \[|: version `\S+' not found|^\s*CMake Error")
-"""Lines of Isaac Sim, of the loader and of CMake that call themselves errors in their own way."""
+COMPLAINT = re.compile(r"^\[(?:Error|Fatal)\] \[")
+"""Lines of Isaac Sim that call themselves errors in their own way."""
+
+OTHER_COMPLAINT = re.compile(r": version `\S+' not found|^\s*CMake Error|^Failed to create an OpenGL context")
+"""Lines of the loader, CMake and PyBullet; where an exception was raised, it counts."""
 
 
-def _complaints(lines: Sequence[str]) -> Iterator[str]:
-    """Yield the lines that call themselves errors, the last ones first."""
-    complaints = [line for line in lines if said.ERROR.match(line) or COMPLAINT.search(line)]
+def _complaints(lines: Sequence[str], *, with_others: bool) -> Iterator[str]:
+    """Yield the lines that call themselves errors, the last ones first; those of the loader and of CMake if wanted."""
+    complaints = [
+        line
+        for line in lines
+        if said.ERROR.match(line) or COMPLAINT.search(line) or (with_others and OTHER_COMPLAINT.search(line))
+    ]
     yield from (shorten_line(line) for line in reversed(complaints[-40:]))
 
 
