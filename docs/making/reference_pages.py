@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import io
+import json
 import os
 import posixpath
 import re
@@ -98,14 +99,31 @@ def _tables(own: Schema, level: int) -> Iterator[str]:
     names = [top, *sorted(definitions.keys() - {top})] if top else sorted(definitions)
     for name in names:
         each = definitions[name]
-        yield f"{'#' * level} {name}"
-        yield ""
+        yield from (f"{'#' * level} {_title(name)}", "")
+        if places := _places(name, definitions):
+            yield from (f"Used in: {', '.join(places)}.", "")
         if text := each.get("description"):
             yield from (text, "")
         if "enum" in each:
             yield from (", ".join(f"`{value}`" for value in each["enum"]), "")
         if each.get("properties"):
             yield from _keys(each)
+
+
+def _title(name: str) -> str:
+    """Return the heading of a definition: the name of its type, which for a table of a matrix ends with `Table`."""
+    return name.removesuffix("Table")
+
+
+def _places(name: str, definitions: Mapping[str, Schema]) -> list[str]:
+    """Return the keys whose values are of a definition."""
+    reference = f'"#/$defs/{name}"'
+    return [
+        f"`{key}` of {_title(owner)}"
+        for owner, table in definitions.items()
+        for key, value in table.get("properties", {}).items()
+        if reference in json.dumps(value)
+    ]
 
 
 def _keys(table: Schema) -> Iterator[str]:
@@ -121,7 +139,9 @@ def _keys(table: Schema) -> Iterator[str]:
 
 def _default(value: Schema) -> str:
     default = value.get("default")
-    return "" if default in (None, [], {}, "") else f"`{_in_table(str(default))}`"
+    if isinstance(default, bool):
+        return f"`{str(default).lower()}`"
+    return "" if not default or isinstance(default, Mapping) else f"`{_in_table(str(default))}`"
 
 
 NAMES = {"string": "text", "boolean": "true or false", None: "any"}
@@ -132,7 +152,7 @@ def _kind(value: Schema) -> str:
     """Return what a value may be, in words."""
     if "$ref" in value:
         name = str(value["$ref"]).rpartition("/")[2]
-        return f"[{name}](#{name.lower()})"
+        return f"[{_title(name)}](#{_title(name).lower()})"
     if choices := value.get("enum") or ([value["const"]] if "const" in value else []):
         return _listed([f"`{each}`" for each in choices])
     if parts := value.get("anyOf") or value.get("oneOf"):

@@ -13,6 +13,8 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = repository_files.ROOT
+FILE = re.compile(r"^<!-- example: file=(?P<name>\S+) -->\n```(?P<language>\w+)$", re.MULTILINE)
+"""A block that a tutorial has the reader write to a file: in the site the file's name is its title."""
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -36,7 +38,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         text = repository_files.lead_links(markdown, source, place, shown, config.repo_url or "")
     except repository_files.MissingFile as error:
         raise PluginError(str(error)) from None
-    return re.sub(r"<details>", "<details markdown>", text)
+    text = FILE.sub(r'```\g<language> title="\g<name>"', text)
+    return text.replace("<details>", "<details markdown>")
 
 
 def _source(page: Page) -> str | None:

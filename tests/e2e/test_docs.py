@@ -41,7 +41,7 @@ def test_references_are_made_from_the_code(site: Path) -> None:
     )
     assert "usage: simmatrix bisect" in commands
     assert "tutorials/traceback.html" in commands
-    assert 'id="casetable"' in matrix
+    assert 'id="case"' in matrix
     assert 'id="report"' in documents
 
 
