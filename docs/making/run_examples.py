@@ -24,6 +24,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -101,22 +102,42 @@ def fits(expected: str, printed: str) -> bool:
     return re.fullmatch(r"\s*" + r"\s*(?:.*?)\s*".join(parts) + r"\s*", printed, re.DOTALL) is not None
 
 
-def run_page(page: Path, *, network: bool) -> Iterator[str]:
-    """Run the examples of a page; yield a text for each that fails."""
+@dataclass(frozen=True, kw_only=True)
+class Workplace:
+    """A folder in which the commands of a page are run, and their variables."""
+
+    folder: Path
+    environment: Mapping[str, str]
+
+
+@contextmanager
+def workplace() -> Iterator[Workplace]:
+    """Make an empty workplace that is removed at the end."""
     with tempfile.TemporaryDirectory(prefix="simmatrix-docs-") as name:
         folder = Path(name, "work")
         folder.mkdir()
-        environment = _environment(Path(name))
-        for example in examples(page.read_text(encoding="utf-8")):
-            if example.network and not network:
-                continue
-            if example.file:
-                (folder / example.file).parent.mkdir(parents=True, exist_ok=True)
-                (folder / example.file).write_text(example.output, encoding="utf-8")
-                continue
-            if example.folder:
-                shutil.copytree(ROOT / example.folder, folder, dirs_exist_ok=True)
-            if failure := _failure(example, folder, environment):
+        yield Workplace(folder=folder, environment=_environment(Path(name)))
+
+
+def commands(page: Path, place: Workplace, *, network: bool) -> Iterator[Example]:
+    """Yield the commands of a page in their order, each once the files before it are written."""
+    for example in examples(page.read_text(encoding="utf-8")):
+        if example.network and not network:
+            continue
+        if example.folder:
+            shutil.copytree(ROOT / example.folder, place.folder, dirs_exist_ok=True)
+        if example.file:
+            (place.folder / example.file).parent.mkdir(parents=True, exist_ok=True)
+            (place.folder / example.file).write_text(example.output, encoding="utf-8")
+        else:
+            yield example
+
+
+def run_page(page: Path, *, network: bool) -> Iterator[str]:
+    """Run the examples of a page; yield a text for each that fails."""
+    with workplace() as place:
+        for example in commands(page, place, network=network):
+            if failure := _failure(example, place):
                 yield f"{_shown(page)}:{example.line}: $ {example.command}\n{failure}"
 
 
@@ -135,14 +156,14 @@ def _environment(place: Path) -> dict[str, str]:
     return {**own, "PATH": path, "COLUMNS": "100", "NO_COLOR": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
 
 
-def _failure(example: Example, folder: Path, environment: Mapping[str, str]) -> str | None:
+def _failure(example: Example, place: Workplace) -> str | None:
     """Run a command; return the difference from the page, or None."""
     started = time.monotonic()
     try:
         ran = subprocess.run(
             ["bash", "-c", example.command],
-            cwd=folder,
-            env=dict(environment),
+            cwd=place.folder,
+            env=dict(place.environment),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -13,6 +13,10 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 
 ROOT = repository_files.ROOT
+RECORDING = ROOT / "dist" / "terminal.svg"
+"""An animated terminal, where `nox -s docs` recorded it."""
+RECORDED = "<!-- terminal -->"
+"""The place of a recording in a page."""
 FILE = re.compile(r"^<!-- example: file=(?P<name>\S+) -->\n```(?P<language>\w+)$", re.MULTILINE)
 """A block that a tutorial has the reader write to a file: in the site the file's name is its title."""
 
@@ -24,6 +28,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     pages, pictures = repository_files.linked_files()
     for path in sorted(pages | pictures | set(repository_files.OWN_PLACE)):
         files.append(File.generated(config, repository_files.site_path(path), abs_src_path=str(ROOT / path)))
+    if RECORDING.exists():
+        files.append(File.generated(config, "assets/terminal.svg", abs_src_path=str(RECORDING)))
     return files
 
 
@@ -38,6 +44,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         text = repository_files.lead_links(markdown, source, place, shown, config.repo_url or "")
     except repository_files.MissingFile as error:
         raise PluginError(str(error)) from None
+    if RECORDING.exists():
+        text = text.replace(RECORDED, "![The three commands, recorded in a terminal](assets/terminal.svg)")
     text = FILE.sub(r'```\g<language> title="\g<name>"', text)
     return text.replace("<details>", "<details markdown>")
 
