@@ -52,8 +52,8 @@ def test_reports_are_pages_of_the_site(site: Path) -> None:
 
 
 def test_commands_print_as_pages_show() -> None:
-    """A sample: the README and the first tutorial, without an index; `nox -s docs` runs all."""
-    command = [sys.executable, str(RUNNER), "--no-network", "README.md", "docs/tutorials/traceback.md"]
+    """Those of all pages that need no index; `nox -s docs` runs the others, too."""
+    command = [sys.executable, str(RUNNER), "--no-network"]
     ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
 
     assert ran.returncode == 0, ran.stdout
