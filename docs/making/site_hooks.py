@@ -41,7 +41,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         return markdown
     shown = {_repository_path(file) for file in files}
     try:
-        text = repository_files.lead_links(markdown, source, place, shown, config.repo_url or "")
+        text = repository_files.lead_links(markdown, source, place, shown, str(config.extra["repository"]))
     except repository_files.MissingFile as error:
         raise PluginError(str(error)) from None
     if RECORDING.exists():

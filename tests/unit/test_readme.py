@@ -19,6 +19,12 @@ LONGEST = 120
 """Lines of the README: one page."""
 
 
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
 def test_its_matrix_can_be_planned() -> None:
     """The example is a matrix: every case exists somewhere, every expectation meets a cell."""
     text, *_ = re.findall(r"```toml\n(.*?)```", MEASURE, re.DOTALL)
@@ -69,9 +75,12 @@ def test_it_is_one_page() -> None:
 
 def test_files_that_it_names_exist() -> None:
     """Its links lead somewhere: to a file, or a folder of them."""
-    links = re.findall(r"\]\(([^)#]+)\)", README)
+    links = [link.partition("#")[::2] for link in re.findall(r"\]\(([^)]+)\)", README) if "://" not in link]
 
-    assert [link for link in links if "://" not in link and not (ROOT / link).exists()] == []
+    assert [file for file, _ in links if not (ROOT / file).exists()] == []
+    assert [
+        (file, anchor) for file, anchor in links if anchor and anchor not in anchors(ROOT / (file or "README.md"))
+    ] == []
 
 
 def test_the_list_of_reports_is_complete() -> None:
