@@ -31,7 +31,7 @@ PLAY = "--play"
 def main(arguments: Sequence[str]) -> int:
     """Write the recording to the file that the arguments name and return 0; with PLAY, play into this terminal."""
     if list(arguments) == [PLAY]:
-        with run_examples.workplace() as place:
+        with run_examples.workplace(network=False) as place:
             for example in run_examples.commands(PAGE, place, network=False):
                 play(example.command, place)
         return 0

@@ -111,12 +111,12 @@ class Workplace:
 
 
 @contextmanager
-def workplace() -> Iterator[Workplace]:
-    """Make an empty workplace that is removed at the end."""
+def workplace(*, network: bool) -> Iterator[Workplace]:
+    """Make an empty workplace that is removed at the end; without a network its cache is empty, too."""
     with tempfile.TemporaryDirectory(prefix="simmatrix-docs-") as name:
         folder = Path(name, "work")
         folder.mkdir()
-        yield Workplace(folder=folder, environment=_environment(Path(name)))
+        yield Workplace(folder=folder, environment=_environment(Path(name), network=network))
 
 
 def commands(page: Path, place: Workplace, *, network: bool) -> Iterator[Example]:
@@ -135,13 +135,17 @@ def commands(page: Path, place: Workplace, *, network: bool) -> Iterator[Example
 
 def run_page(page: Path, *, network: bool) -> Iterator[str]:
     """Run the examples of a page; yield a text for each that fails."""
-    with workplace() as place:
+    with workplace(network=network) as place:
         for example in commands(page, place, network=network):
             if failure := _failure(example, place):
                 yield f"{_shown(page)}:{example.line}: $ {example.command}\n{failure}"
 
 
-def _environment(place: Path) -> dict[str, str]:
+CLOSED = "http://127.0.0.1:9"
+"""A proxy that is not there: whoever asks it fails at once."""
+
+
+def _environment(place: Path, *, network: bool) -> dict[str, str]:
     """Return the variables of the commands: `simmatrix` is this checkout's."""
     program = place / "bin" / "simmatrix"
     program.parent.mkdir()
@@ -153,6 +157,9 @@ def _environment(place: Path) -> dict[str, str]:
     program.chmod(0o755)
     path = os.pathsep.join([str(program.parent), str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
     own = {name: value for name, value in os.environ.items() if name not in UNSET}
+    if not network:
+        own |= dict.fromkeys(("HTTP_PROXY", "HTTPS_PROXY", "http_proxy", "https_proxy"), CLOSED)
+        own |= {"HARNESS_CACHE": str(place / "cache")}
     return {**own, "PATH": path, "COLUMNS": "100", "NO_COLOR": "1", "PIP_DISABLE_PIP_VERSION_CHECK": "1"}
 
 

@@ -68,3 +68,17 @@ def test_a_page_that_shows_something_else_fails(tmp_path: Path) -> None:
     assert ran.returncode == 1
     assert f"{page}:2: $ echo one" in ran.stdout
     assert f"{page}:4: $ false\nexit code 1, not 0" in ran.stdout
+
+
+def test_without_a_network_no_command_reaches_one(tmp_path: Path) -> None:
+    """Examples marked `network` are left out, and the others have a proxy that is not there, and an empty cache."""
+    page = tmp_path / "page.md"
+    page.write_text(
+        "<!-- example: network -->\n```console\n$ false\n```\n"
+        '```console\n$ echo "$HTTPS_PROXY"; ls "$HARNESS_CACHE" || echo none\nhttp://127.0.0.1:9\n...none\n```\n',
+        encoding="utf-8",
+    )
+    command = [sys.executable, str(RUNNER), "--no-network", str(page)]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False)
+
+    assert ran.returncode == 0, ran.stdout
