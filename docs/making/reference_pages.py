@@ -23,6 +23,8 @@ DOCS = Path(__file__).resolve().parents[1]
 WIDTH = "100"
 """Columns of a help text."""
 Schema = Mapping[str, Any]
+OTHERS = [name for name in DOCUMENTS if name != "matrix"]
+"""Documents apart from a matrix file."""
 
 
 def pages() -> Iterator[tuple[str, str]]:
@@ -30,6 +32,8 @@ def pages() -> Iterator[tuple[str, str]]:
     yield "reference/commands.md", commands()
     yield "reference/matrix.md", matrix_file()
     yield "reference/documents.md", documents()
+    for name in OTHERS:
+        yield f"reference/documents/{name}.md", document(name)
 
 
 def commands() -> str:
@@ -71,19 +75,22 @@ def matrix_file() -> str:
     """Return the page of the keys of a matrix file."""
     own = schema_of("matrix")
     lines = ["# Matrix files", "", "Made from the schema; `simmatrix schema matrix` prints it as JSON Schema.", ""]
-    return "\n".join([*lines, *_tables(own, 2)])
+    return "\n".join([*lines, *_tables(own)])
 
 
 def documents() -> str:
-    """Return the page of every other file and of every document that a command prints."""
+    """Return the list of every other file and of every document that a command prints."""
     lines = ["# Documents", "", "Made from the schemas; `simmatrix schema NAME` prints one as JSON Schema.", ""]
     lines += ["| name | document |", "| --- | --- |"]
-    others = [name for name in DOCUMENTS if name != "matrix"]
-    lines += [f"| [{name}](#{name}) | {DOCUMENTS[name][0]} |" for name in others]
-    for name in others:
-        what = DOCUMENTS[name][0]
-        lines += ["", f"## {name}", "", f"{what[0].upper()}{what[1:]}.", "", *_tables(schema_of(name), 3)]
-    return "\n".join(lines)
+    return "\n".join([*lines, *(f"| [{name}](documents/{name}.md) | {DOCUMENTS[name][0]} |" for name in OTHERS), ""])
+
+
+def document(name: str) -> str:
+    """Return the page of one document."""
+    what = DOCUMENTS[name][0]
+    lines = [f"# {name}", "", f"{what[0].upper()}{what[1:]}.", ""]
+    lines += [f"Made from the schema; `simmatrix schema {name}` prints it as JSON Schema.", ""]
+    return "\n".join([*lines, *_tables(schema_of(name))])
 
 
 def schema_of(name: str) -> Schema:
@@ -92,14 +99,14 @@ def schema_of(name: str) -> Schema:
     return schema.json_schema(getattr(importlib.import_module(f"harness.{module}"), kind))
 
 
-def _tables(own: Schema, level: int) -> Iterator[str]:
+def _tables(own: Schema) -> Iterator[str]:
     """Yield a heading and a table of keys for each object of a schema, the outermost first."""
     definitions: dict[str, Schema] = dict(own.get("$defs", {}))
     top = str(own.get("$ref", "")).rpartition("/")[2]
     names = [top, *sorted(definitions.keys() - {top})] if top else sorted(definitions)
     for name in names:
         each = definitions[name]
-        yield from (f"{'#' * level} {_title(name)}", "")
+        yield from (f"## {_title(name)}", "")
         if places := _places(name, definitions):
             yield from (f"Used in: {', '.join(places)}.", "")
         if text := each.get("description"):

@@ -37,12 +37,12 @@ def test_references_are_made_from_the_code(site: Path) -> None:
     """Each verb has its help and each table of a matrix its keys; documents list their fields."""
     commands, matrix, documents = (
         (site / "reference" / f"{name}.html").read_text(encoding="utf-8")
-        for name in ("commands", "matrix", "documents")
+        for name in ("commands", "matrix", "documents/report")
     )
     assert "usage: simmatrix bisect" in commands
     assert "tutorials/traceback.html" in commands
     assert 'id="case"' in matrix
-    assert 'id="report"' in documents
+    assert 'id="cellentry"' in documents
 
 
 def test_reports_are_pages_of_the_site(site: Path) -> None:
