@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import inspect
 import io
 import json
 import os
@@ -88,8 +89,7 @@ def documents() -> str:
 def document(name: str) -> str:
     """Return the page of one document."""
     what = DOCUMENTS[name][0]
-    lines = [f"# {name}", "", f"{what[0].upper()}{what[1:]}.", ""]
-    lines += [f"Made from the schema; `simmatrix schema {name}` prints it as JSON Schema.", ""]
+    lines = [f"# {name}", "", f"Document: {what}. `simmatrix schema {name}` prints it as JSON Schema.", ""]
     return "\n".join([*lines, *_tables(schema_of(name))])
 
 
@@ -110,7 +110,7 @@ def _tables(own: Schema) -> Iterator[str]:
         if places := _places(name, definitions):
             yield from (f"Used in: {', '.join(places)}.", "")
         if text := each.get("description"):
-            yield from (text, "")
+            yield from (inspect.cleandoc(text), "")
         if "enum" in each:
             yield from (", ".join(f"`{value}`" for value in each["enum"]), "")
         if each.get("properties"):
