@@ -69,3 +69,12 @@ def pyz(session: nox.Session) -> None:
     """`explain` and `doctor` as one file for any Python, `dist/simmatrix-doctor.pyz`."""
     session.install("-e", ".")
     session.run("python", "-m", "harness", "doctor", "--standalone", "dist/simmatrix-doctor.pyz")
+
+
+@nox.session(python="3.11")
+def docs(session: nox.Session) -> None:
+    """The site of `docs/` in `dist/docs/`; every command of README and documents is run; `-- PAGE` for one."""
+    session.install("-e", ".[docs]")
+    session.run("python", "docs/making/record_terminal.py", "dist/terminal.svg")
+    session.run("mkdocs", "build", "--strict", "--site-dir", "dist/docs", env={"NO_MKDOCS_2_WARNING": "1"})
+    session.run("python", "docs/making/run_examples.py", *session.posargs)

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 RIDDLE = re.compile(r"\W*(What|Whether|Where|Which|Who|Whose|How|When|That|Why)\b")
 APART = {"fakes", "vendored"}
-FOLDERS = ("harness", "tests", "benchmarks", "matrices/modules")
+FOLDERS = ("harness", "tests", "benchmarks", "docs", "matrices/modules")
 FILES = [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py")) if not APART & {*path.parts}]
 OWNERS = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Module)
 

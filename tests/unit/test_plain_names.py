@@ -27,7 +27,7 @@ APART = {"vendored", "fakes", "standins", "peers"}
 
 def files() -> Iterator[Path]:
     """Yield the files that the rule holds for: not the bodies of tests, whose names live for ten lines."""
-    for folder in ("harness", "matrices/modules", "benchmarks", "tests"):
+    for folder in ("harness", "matrices/modules", "benchmarks", "docs", "tests"):
         for path in sorted((ROOT / folder).rglob("*.py")):
             if not APART & {*path.parts} and not path.name.startswith("test_"):
                 yield path

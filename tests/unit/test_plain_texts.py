@@ -82,6 +82,33 @@ def test_texts_are_plain(path: Path) -> None:
     assert not [(match[0], text[:100]) for text in found if (match := FORBIDDEN.search(CODE.sub("``", text)))]
 
 
+LONGEST = 24
+"""Words of a sentence of a document; code counts as a word."""
+DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def sentences(text: str) -> Iterator[str]:
+    """Yield the sentences of a Markdown text, without its code blocks; a cell of a table is one, or several."""
+    prose = re.sub(r"^```.*?^```$|<!--.*?-->", "\n\n", text, flags=re.DOTALL | re.MULTILINE)
+    prose = re.sub(r"`[^`]*`", "code", re.sub(r"\]\([^)]*\)", "]", prose))
+    for part in re.split(r"\n\s*\n|\n(?=[-|#]|\d+\. )|\|", prose):
+        yield from (" ".join(sentence.split()) for sentence in re.split(r"(?<=[.!?:;])\s+", part))
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_sentences_of_documents_are_short(path: Path) -> None:
+    """No sentence has to be read twice."""
+    found = sentences(path.read_text(encoding="utf-8"))
+    assert [each for each in found if len(re.findall(r"\b\w[\w'.-]*", each)) > LONGEST] == []
+
+
+def test_a_long_sentence_is_seen() -> None:
+    """It ends with a full stop, not with its line; code in it is one word, a block none."""
+    (first, second) = filter(None, sentences(f"{'word ' * 30}\nof `x y z`. Short.\n\n```\n{'word ' * 40}\n```\n"))
+
+    assert (len(first.split()), second) == (32, "Short.")
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -1,4 +1,4 @@
-"""The README's steps for adding a simulator are complete: its adapter and its matrix are enough."""
+"""The guide's steps for adding a simulator are complete: its adapter and its matrix are enough."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from pathlib import Path
 from commandline import Desk
 
 ROOT = Path(__file__).parents[3]
-HEADING = "## Adding a simulator\n"
-SECTION = (ROOT / "README.md").read_text(encoding="utf-8").partition(HEADING)[2].partition("\n## ")[0]
+SECTION = (ROOT / "docs" / "extending" / "simulator.md").read_text(encoding="utf-8")
 
 
 DECLARED = """
@@ -50,7 +49,7 @@ print(json.dumps({
 
 
 def add(desk: Desk, declared: str = "") -> None:
-    """Make a copy of the harness with the README's adapter, which may declare more, and its matrix."""
+    """Make a copy of the harness with the guide's adapter, which may declare more, and its matrix."""
     (adapter,) = re.findall(r"```python\n(.*?)```", SECTION, re.DOTALL)
     (matrix,) = re.findall(r"```toml\n(.*?)```", SECTION, re.DOTALL)
     names = re.findall(r"`((?:harness|matrices)/[\w/]+\.\w+)`", SECTION)
@@ -101,7 +100,7 @@ def test_missing_declarations_of_a_simulator_are_not_guessed(desk: Desk) -> None
 
 
 def test_a_simulator_is_one_file_and_one_matrix(desk: Desk) -> None:
-    """The README's adapter and matrix measure a simulator in a copy of the harness, without any other change."""
+    """The guide's adapter and matrix measure a simulator in a copy of the harness, without any other change."""
     add(desk)
 
     ran = desk.run("run", "pointmass", "--json")

@@ -23,7 +23,7 @@ from harness.rootcause.repair import failure_hints
 from harness.running.signatures import shipped_signatures
 
 KNOWN = shipped_signatures.load_all()
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 ADVICE = re.compile(r"\b(?:take|ask for|build it with) (.*)")
@@ -190,9 +190,12 @@ def test_page_of_breakages() -> None:
     assert any("is not bad" in line for line in apart)
 
 
-def test_figures_of_the_readme() -> None:
-    """The cells that it counts behind a link are those of the report."""
-    for number, what, name in re.findall(r"\[(\d+) (cells|ways)\b[^\]]*\]\(reports/([\w-]+)/", README):
+def test_figures_of_the_documents() -> None:
+    """The cells that a page counts behind a link are those of the report."""
+    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    counted = re.findall(r"\[(\d+) (cells|ways)\b[^\]]*\]\([./]*reports/([\w-]+)/", text)
+    assert counted
+    for number, what, name in counted:
         made = json.loads((ROOT / "reports" / name / "report.json").read_text(encoding="utf-8"))
         assert int(number) == len(made["cells"]), (what, name)
 
