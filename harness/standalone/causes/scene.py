@@ -22,8 +22,8 @@ RARE = 8
 
 EVERYBODYS = frozenset(
     "A2C Actor ActorCritic Agent Buffer Config Controller Critic Dataset Decoder Encoder EnvWrapper Game GymWrapper"
-    " Logger Memory Model Net Network Node PPO Player Policy ReplayBuffer Robot Runner Sampler State Task Trainer Worker"
-    " Wrapper".split()
+    " Logger Memory Model Net Network Node PPO Player Policy ReplayBuffer Robot Runner Sampler State Task Trainer"
+    " Worker Wrapper".split()
 )
 """Names of classes that users give to their own, too."""
 
