@@ -83,7 +83,7 @@ def excuses(entry: CellEntry, near: Nearest | None, signatures: Mapping[str, Sig
             text = "This machine lacks a part that the combination needs. Run the command below on one that has it."
             return [Excuse(who="Somebody with another machine", text=text)]
         case Verdict.INCONCLUSIVE | Verdict.NOT_RUN:
-            text = "This result says nothing about the packages. Run the command below: a clear result replaces it."
+            text = "This machine could not decide it. Run the command below: a clear result replaces this one."
             return [Excuse(who=NEXT, text=text)]
         case _:
             return [*_fixes(entry, signatures), *_way_around(near), *_unknown(entry)]
@@ -97,7 +97,7 @@ def _fixes(entry: CellEntry, signatures: Mapping[str, Signature]) -> Iterator[Ex
     for diagnosis in select_counting(entry)[:1]:
         steps = "; ".join(describe_steps(diagnosis.remedy))
         signature = signatures.get(diagnosis.signature)
-        who = YOU if signature is None or signature.phases else "Whoever looks after the machine"
+        who = YOU if signature is None or signature.phases else "The administrator of the machine"
         if steps:
             measured = "This was measured, and works." if diagnosis.proof else "Nobody has measured this fix here yet."
             yield Excuse(who=who, text=f"{_sentence(steps)} {measured}", proof=diagnosis.proof or "")

@@ -85,8 +85,8 @@ class PageWriter:
             lstrip_blocks=True,
         )
         filters: dict[str, Callable[..., Any]] = {
-            "prose": prose, "link": link, "sign": sign, "word": word, "number": format_count, "sentence": sentence, "in_order": in_order,
-            "outcome_sign": outcome_sign, "tone": tone,
+            "prose": prose, "link": link, "sign": sign, "word": word, "number": format_count, "sentence": sentence,
+            "in_order": in_order, "outcome_sign": outcome_sign, "tone": tone,
         }  # fmt: skip
         self._environment.filters |= filters
         self._environment.globals |= shared

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+
+from msgspec.structs import replace
+from packaging.utils import canonicalize_name
 
 from harness.judging import known_issues
 from harness.judging.known_issues import Issue
@@ -18,6 +22,9 @@ from harness.reports.answers.measured_cells import CellResult
 from harness.reports.site import addresses
 from harness.reports.site.site_sources import Source
 from harness.reports.tables.table_types import Row, Sheet
+from harness.standalone.versions import is_version
+
+NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])?")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -66,8 +73,12 @@ class SiteFacts:
 
     @cached_property
     def cells(self) -> list[CellResult]:
-        """Return the measured cells, each with the versions in its lock."""
-        return measured_cells.read(self.measured)
+        """Return the measured cells that can be compared, each with the versions in its lock.
+
+        A report of others may hold names and versions that are none: its cells have their pages, and count no further.
+        """
+        sound = tuple(one.cell for one in measured_cells.read(self.measured) if _is_sound(one))
+        return measured_cells.read(replace(self.measured, cells=sound))
 
     @cached_property
     def results(self) -> dict[tuple[str, str | None], CellResult]:
@@ -126,3 +137,13 @@ class SiteFacts:
         """Return the known issues in which a package takes part."""
         issues = self.issues_with_cells.values()
         return [one for one in issues if package in set(map(required_name, one.packages))]
+
+
+def _is_sound(result: CellResult) -> bool:
+    """Return whether every package of a cell has a name and a version, and its requirements can be read."""
+    try:
+        names = {*result.versions, *result.named, *(canonicalize_name(one.name) for one in result.requirements)}
+    except ValueError:
+        return False
+    versions = [*result.versions.values(), *([result.python] if result.python else [])]
+    return all(map(NAME.fullmatch, names)) and all(map(is_version, versions))

@@ -4,6 +4,7 @@
 
 const MOST = 20;
 const LONGEST = 200000;
+const LISTED = 300; // rows of a list that are shown at once: a browser needs long for the layout of thousands
 
 function make(tag, attributes, ...children) {
   const node = document.createElement(tag);
@@ -164,9 +165,7 @@ function setUpPaste(root) {
 
 const FIELDS = ["verdict", "phase", "cause", "family"];
 
-function compareVersions(a, b) {
-  return a.localeCompare(b, "en", { numeric: true });
-}
+const compareVersions = new Intl.Collator("en", { numeric: true }).compare;
 
 function setUpMatrix(root) {
   const data = window.MATRIX;
@@ -176,6 +175,10 @@ function setUpMatrix(root) {
   const pivot = document.querySelector("[data-pivot]");
   const drawn = [...pivot.childNodes];
   const count = form.querySelector("[data-count]");
+  let most = LISTED;
+  const more = make("button", { type: "button", hidden: "" });
+  document.querySelector("[data-list]").after(more);
+  more.addEventListener("click", () => { most = rows.length; apply(); });
   const values = (field) => [...new Set(data.cells.flatMap((cell) => cell[field]).filter(Boolean))].sort(compareVersions);
   const fill = (select, options, any) => {
     select.replaceChildren(...(any ? [make("option", { value: "" }, "any")] : []),
@@ -224,17 +227,18 @@ function setUpMatrix(root) {
       && words.every((word) => cell.text.includes(word)));
   };
   const apply = () => {
-    const start = performance.now();
     const shown = kept();
     let total = 0;
     shown.forEach((good, place) => {
-      if (rows[place].hidden === good) rows[place].hidden = !good;
       total += good;
+      const visible = good && total <= most;
+      if (rows[place].hidden === visible) rows[place].hidden = !visible;
     });
     count.textContent = `${total} of ${rows.length} combinations`;
+    more.hidden = total <= most;
+    more.textContent = `The first ${most} of ${total} are listed. List all`;
     const plainView = total === rows.length && form.elements.rows.value === data.pivot[0] && form.elements.columns.value === data.pivot[1];
     pivot.replaceChildren(...(plainView && drawn.length > 1 ? drawn : [table(shown)]));
-    form.dataset.milliseconds = String(performance.now() - start);
   };
   const table = (shown) => {
     const [down, across] = [form.elements.rows.value, form.elements.columns.value];
