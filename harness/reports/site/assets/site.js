@@ -4,7 +4,7 @@
 
 const MOST = 20;
 const LONGEST = 200000;
-const LISTED = 300; // rows of a list that are shown at once: a browser needs long for the layout of thousands
+const LISTED = 200; // rows of a list that are shown at once: a browser needs long for the layout of thousands
 
 function make(tag, attributes, ...children) {
   const node = document.createElement(tag);
