@@ -65,6 +65,7 @@ def _entry(signature: Signature) -> dict[str, Any]:
     pattern = signature.wording
     return {
         "title": title(signature),
+        "name": signature.id,
         "link": addresses.issue_page(signature.id),
         "pattern": pattern,
         "literals": [sorted(clause) for clause in literals.clauses(pattern)] if pattern else [],

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from harness.history import api_history
 from harness.machine.files import guarded_files
 from harness.model import Verdict
 from harness.model.hostile_data import Unreadable, raise_unreadable
-from harness.reports.answers import recommended, recommended_text, recommending
+from harness.reports.answers import measured_cells, recommended, recommended_text, recommending
 from harness.reports.answers.measured_cells import CellResult, Query, Wanted
 from harness.reports.install_texts import install_commands
 from harness.reports.site import addresses, excuses
@@ -56,8 +57,12 @@ class Release:
 
 def releases(facts: SiteFacts, name: str) -> list[Release]:
     """Return the measured releases of a package, oldest first."""
+    return _releases(facts.cells, name)
+
+
+def _releases(cells: Iterable[CellResult], name: str) -> list[Release]:
     groups: dict[str, list[CellResult]] = {}
-    for result in facts.cells:
+    for result in cells:
         version = result.version(name) if name in result.about else None
         if version:
             groups.setdefault(version, []).append(result)
@@ -129,13 +134,38 @@ def streak(measured: Sequence[Release]) -> Streak | None:
     return Streak(works=last, since=since, length=length, before=before.version, cells=ids, moved=moved)
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class PartnerStreak:
+    """The streak of a release of a package along the releases of another one."""
+
+    name: str
+    release: str
+    streak: Streak
+
+
+def partner_streaks(facts: SiteFacts, name: str, measured: Sequence[Release]) -> Iterator[PartnerStreak]:
+    """Yield the streaks along the packages that are measured with this one, each for its newest release that has any.
+
+    A package whose newest release does not work with this one is red, even if an older one works.
+    """
+    partners = Counter(other for one in facts.cells if name in one.subjects for other in one.subjects if other != name)
+    for partner, _ in partners.most_common():
+        for release in reversed(measured if measured_cells.is_heavy(partner) else ()):
+            along = _releases([one for one in release.results if {name, partner} <= one.subjects], partner)
+            held = streak(along) if len(along) > 1 else None
+            if held:
+                yield PartnerStreak(name=partner, release=release.version, streak=held)
+                break
+
+
 def _turning(before: Release, after: Release) -> tuple[CellResult, CellResult] | None:
-    """Return the two cells on both sides of the turn that differ least."""
+    """Return the two cells of one matrix on both sides of the turn that differ least."""
     pairs = [
         (first, second)
         for first in before.results
         for second in after.results
-        if first.pins and second.pins and first.cell.good != second.cell.good
+        if first.cell.matrix == second.cell.matrix and first.pins and second.pins
+        if first.cell.good != second.cell.good
     ]
     return min(pairs, key=lambda pair: len(set(pair[0].pins.items()) ^ set(pair[1].pins.items())), default=None)
 
@@ -163,6 +193,7 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
             works=works,
             span=span(works),
             streak=streak(measured),
+            partners=[(one, facts.package_address(one.name)) for one in partner_streaks(facts, name, measured)],
             best=answer.measured[0] if answer.measured else None,
             install=install_commands.command(answer.measured[0]) if answer.measured else "",
             doubtful=answer.doubtful,

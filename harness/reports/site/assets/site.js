@@ -142,7 +142,7 @@ function setUpPaste(root) {
   const input = form.querySelector("textarea");
   const result = document.querySelector("[data-paste-result]");
   const list = (issues) => make("ul", {}, ...issues.map((issue) =>
-    make("li", {}, make("a", { href: root + issue.link }, make("code", {}, issue.title)))));
+    make("li", {}, make("a", { href: root + issue.link }, make("code", {}, issue.title)), " ", make("small", {}, issue.name))));
   const show = () => {
     const text = input.value.slice(0, LONGEST).replace(/\r\n/g, "\n");
     if (!text.trim()) return result.replaceChildren();
