@@ -73,8 +73,7 @@ class CellPages:
                           if (tail := self._files.tail(file))), ""),
             "lock": lock,
             "formats": list(self._formats(result)) if result else [],
-            "missing": [*evidence_files.list_missing(files), *([] if source.folder else ["Its lock and its evidence"
-                        " were not kept: only a row of a table is left."])],
+            "missing": [*evidence_files.list_missing(files), *_left_behind(source, entry)],
             "environment_address": facts.environment_address,
             "package_address": facts.package_address,
         }  # fmt: skip
@@ -162,6 +161,18 @@ class CellPages:
             yield "environment.yml", environment_files.conda(combination, header)
             yield "pyproject.toml", environment_files.pyproject(combination, header)
             yield "Dockerfile", environment_files.dockerfile(combination, header, system)
+
+
+def _left_behind(source: Source, entry: CellEntry) -> Iterator[str]:
+    """Yield a sentence where a report came without the evidence of a cell."""
+    if source.folder is None:
+        yield "Its lock and its evidence were not kept: only a row of a table is left."
+    elif entry.measured and entry.verdict not in {Verdict.UNAVAILABLE, Verdict.NOT_RUN} and not _has_files(entry):
+        yield "This report came without locks, logs and pictures."
+
+
+def _has_files(entry: CellEntry) -> bool:
+    return any((entry.lock, entry.evidence, *(case.evidence for case in entry.cases)))
 
 
 def _installed(entry: CellEntry, near: Nearest | None) -> list[tuple[str, str, str | None]]:

@@ -39,17 +39,19 @@ class Excuse:
 
 def nearest(entry: CellEntry, others: Iterable[CellEntry]) -> Nearest | None:
     """Return the cell that works and differs least: in few axes, and then in few packages."""
-    best: tuple[tuple[int, int], CellEntry] | None = None
+    good = [other for other in others if other.good and other.id != entry.id]
+    axes = [_axes_apart(entry, other) for other in good]
+    fewest = min(axes, default=0)
+    least = [other for other, count in zip(good, axes, strict=True) if count == fewest]
     mine = set((entry.installed or {}).items())
-    for other in others:
-        if other.verdict is not Verdict.WORKS or not other.good or other.id == entry.id:
-            continue
-        names = entry.axes.keys() | other.axes.keys()
-        axes = sum(entry.axes.get(name) != other.axes.get(name) for name in names)
-        packages = len(mine ^ set((other.installed or {}).items())) if mine else 0
-        if best is None or (axes, packages) < best[0]:
-            best = (axes, packages), other
-    return Nearest(cell=best[1], differs=differences(entry, best[1])) if best else None
+    best = min(least, key=lambda other: len(mine ^ set((other.installed or {}).items())) if mine else 0, default=None)
+    return Nearest(cell=best, differs=differences(entry, best)) if best else None
+
+
+def _axes_apart(entry: CellEntry, other: CellEntry) -> int:
+    """Return the number of axes in which two cells differ."""
+    names = entry.axes.keys() | other.axes.keys()
+    return sum(entry.axes.get(name) != other.axes.get(name) for name in names)
 
 
 def differences(entry: CellEntry, other: CellEntry) -> Moved:

@@ -237,6 +237,13 @@ def test_missing_evidence_stands_on_its_page_alone(place: Path) -> None:
     assert len(list((place / "site/cells/quick").glob("*.html"))) == len(report.cells)
 
 
+def test_a_report_without_its_evidence_says_so(place: Path) -> None:
+    """A wheel has the reports alone."""
+    write(place / "report", document.relocate(quick_document(), lambda _: ""))
+    assert main(["site", "report", "--out", "site"]) == 0
+    assert "This report came without locks, logs and pictures." in parse(place / "site" / CELL).text
+
+
 # --- bad input -------------------------------------------------------------------------------------------------
 
 
