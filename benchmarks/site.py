@@ -98,7 +98,8 @@ def opened(site: Path, runs: int, axe: Path | None) -> dict[str, dict[str, Any]]
             for _ in range(runs):
                 page = browser.new_page(offline=True)
                 page.goto((site / address).as_uri())
-                page.wait_for_function(f"({PAINT}) !== null")
+                while page.evaluate(PAINT) is None:
+                    page.wait_for_timeout(20)
                 paints.append(page.evaluate(PAINT))
                 if "matrices" in address:
                     filters += page.evaluate(FILTER)
