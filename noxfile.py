@@ -65,6 +65,13 @@ def report(session: nox.Session) -> None:
 
 
 @nox.session(python="3.11")
+def site(session: nox.Session) -> None:
+    """The static site of all committed reports, `dist/site`."""
+    session.install("-e", ".")
+    session.run("simmatrix", "site", "--out", "dist/site", *session.posargs)
+
+
+@nox.session(python="3.11")
 def pyz(session: nox.Session) -> None:
     """`explain` and `doctor` as one file for any Python, `dist/simmatrix-doctor.pyz`."""
     session.install("-e", ".")

@@ -48,6 +48,7 @@ GROUPS = {
     "publish": {
         "report": ("harness.commands.report", "make tables from stored results"),
         "merge": ("harness.commands.merge", "merge the reports of shards and machines into one"),
+        "site": ("harness.commands.site", "build a static site from reports"),
         "accept": ("harness.commands.accept", "write an expectation for each combination that fails now"),
         "ci": ("harness.commands.ci", "write a workflow that runs a matrix: GitHub, GitLab, Slurm"),
     },

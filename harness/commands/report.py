@@ -103,7 +103,7 @@ def _folder(name: str) -> Path:
 
 def locate(name: str) -> Path:
     """Return the report.json that a path or the name of a matrix stands for. Raises BadInput if there is none."""
-    reports = store.state_folder() / "reports"
+    reports = store.state_path() / "reports"
     if name.endswith(".toml"):
         name = Path(name).stem
     places = (Path(name), Path(name) / NAME, reports / name / NAME)

@@ -36,6 +36,7 @@ DOCUMENTS = {
     "checks": ("`check --each --json`", "reports.projects.check_document", "CheckedFiles"),
     "upgrade": ("`upgrade --json`", "reports.projects.upgrade_document", "Upgraded"),
     "known": ("`known --json`", "commands.known", "KnownDocument"),
+    "site": ("`site --json`", "commands.site", "SiteDocument"),
     "repair": ("`repair.json`, and `repair --json`", "rootcause.repair.proofs", "RepairDocument"),
     "manifest": ("`manifest.json` of `fetch`, and its `--json`", "running.offline.offline_bundle", "Manifest"),
 }  # fmt: skip

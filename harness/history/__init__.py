@@ -1,1 +1,3 @@
 """Derive from the files of every release of a package what it offers: modules, names, signatures, requirements."""
+
+__all__ = ["api_history"]

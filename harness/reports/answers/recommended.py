@@ -13,6 +13,7 @@ from harness.reports.answers.inferring import Inferred
 from harness.reports.answers.measured_cells import (
     CellResult,
     Query,
+    Wanted,
     case_works,
     find_fitting,
     passes,
@@ -105,6 +106,11 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
         installed={name: releases for name in never_run if (releases := installed_releases(every, name))},
         next=next_,
     )
+
+
+def infer_release(cells: Sequence[CellResult], wanted: Wanted) -> list[Inferred]:
+    """Return the combinations that are inferred for one release of a package."""
+    return inferring.infer(cells, Query(wanted=(wanted,)))
 
 
 def _doubtful(cells: Sequence[CellResult], query: Query, combinations: Sequence[Combination]) -> list[Combination]:

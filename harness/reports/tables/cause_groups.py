@@ -130,7 +130,10 @@ def _wanted(remedy: Mapping[str, Any]) -> list[Requirement]:
     """Return the requirements of a remedy; empty if it asks for anything but versions of packages."""
     if not {*remedy} <= {"text", "requirements", "constraints"}:
         return []
-    return [*map(parsed_requirement, (*remedy.get("requirements", ()), *remedy.get("constraints", ())))]
+    try:
+        return [*map(parsed_requirement, (*remedy.get("requirements", ()), *remedy.get("constraints", ())))]
+    except ValueError:  # a report of others may hold anything
+        return []
 
 
 def _has(installed: Mapping[str, str], wanted: Requirement) -> bool:

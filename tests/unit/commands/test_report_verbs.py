@@ -247,6 +247,7 @@ class TestSchema:
             "checks",
             "upgrade",
             "known",
+            "site",
             "repair",
             "manifest",
         ]

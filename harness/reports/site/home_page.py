@@ -1,0 +1,117 @@
+"""Write the home page: what works together today, the figure of the table itself, and what the search looks through."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from packaging.version import Version
+
+from harness.reports.answers import measured_cells
+from harness.reports.install_texts import install_commands
+from harness.reports.site import addresses, issue_page, package_page
+from harness.reports.site.page_writer import PageWriter
+from harness.reports.site.site_facts import SiteFacts
+from harness.reports.text import report_markdown
+
+TOGETHER = 18
+"""Rows of the first table."""
+
+
+def write(facts: SiteFacts, writer: PageWriter) -> None:
+    """Write the home page and the data of its boxes."""
+    writer.write_data("assets/search.js", "SEARCH", list(_search(facts)))
+    writer.write_data("assets/issues.js", "ISSUES", issue_page.data(facts.signatures))
+    heavy = Counter(name for one in facts.cells for name in one.exercised if measured_cells.is_heavy(name))
+    counts = Counter(cell.verdict for source in facts.sources for cell in source.document.cells)
+    writer.write(
+        "index.html",
+        "home.html.j2",
+        together=list(_together(facts)),
+        families=[_family(facts, name) for name, _ in heavy.most_common()],
+        matrices=[
+            (name, addresses.matrix_page(name), report_markdown.result(sheet), sheet.title, source.folder is not None)
+            for name, (source, sheet) in facts.sheets.items()
+        ],
+        counts=counts,
+        total=len(facts.entries),
+        coverage=_coverage(facts),
+        packages=[(name, addresses.package_page(name)) for name in facts.packages],
+        environments=[(name, addresses.environment_page(name)) for name in facts.environments],
+        issues=sorted(
+            (issue_page.title(facts.signatures[name]), addresses.issue_page(name), name) for name in facts.signatures
+        ),
+    )
+
+
+def _coverage(facts: SiteFacts) -> str:
+    """Say where everything was measured, and which platforms are not covered."""
+    reports = [source.report for source in facts.sources if source.report.measured and source.folder]
+    days = sorted(day for report in reports for day in report.measured or ())
+    if not days:
+        return "Nothing was measured yet."
+    platforms = dict.fromkeys(name for report in reports for name in report.platforms)
+    missing = set.intersection(*(set(report.uncovered) for report in reports))
+    where = f"Measured from {days[0]} to {days[-1]}: {'; '.join(platforms)}."
+    return where + (f" Not covered: {', '.join(sorted(missing))}." if missing else "")
+
+
+def _together(facts: SiteFacts) -> Iterator[dict[str, Any]]:
+    """Yield the newest combination that works of the packages that most cells are about together."""
+    groups: Counter[tuple[str, ...]] = Counter()
+    for result in facts.cells:
+        names = tuple(sorted(name for name in result.subjects if measured_cells.is_heavy(name)))
+        if result.works and names:
+            groups[names] += 1
+    rows = 0
+    for names, count in groups.most_common():
+        best = package_page.newest(facts, names)
+        if best and rows < TOGETHER:
+            rows += 1
+            yield {
+                "packages": [(name, best.versions[name], facts.package_address(name)) for name in names],
+                "pythons": [".".join(python.split(".")[:2]) for python in best.pythons],
+                "install": install_commands.command(best),
+                "measured": best.measured[:10],
+                "cells": count,
+                "cell": facts.cell_link(best.cell),
+            }
+
+
+def _family(facts: SiteFacts, name: str) -> dict[str, Any]:
+    """Return how many releases of a package are measured, inferred and unknown, with dates."""
+    measured = package_page.releases(facts, name)
+    every = package_page.published(name)
+    guessed = package_page.inferred(facts, name, measured, every)
+    there = {package_page.release_of(one.version) for one in measured}
+    works = sum(one.works for one in measured)
+    days = sorted(one.measured for one in measured)
+    return {
+        "name": name,
+        "address": facts.package_address(name),
+        "works": works,
+        "fails": len(measured) - works,
+        "inferred": len(guessed),
+        "published": len(every),
+        "unknown": sum(Version(one) not in there for one in every) - len(guessed) if every else None,
+        "newest": max(every, key=Version) if every else "",
+        "newest_day": every[max(every, key=Version)] if every else "",
+        "measured_to": measured[-1].version,
+        "days": (days[0], days[-1]),
+    }
+
+
+def _search(facts: SiteFacts) -> Iterator[Sequence[str]]:
+    """Yield kind, name, address and further words of everything that the search finds."""
+    for name in facts.packages:
+        yield "package", name, addresses.package_page(name), ""
+    for name in facts.environments:
+        yield "environment", name, addresses.environment_page(name), ""
+    for name, issue in facts.issues_with_cells.items():
+        text = issue_page.search_text(issue)
+        yield "known issue", issue_page.title(facts.signatures[name]), addresses.issue_page(name), text
+    for name in facts.sheets:
+        yield "matrix", name, addresses.matrix_page(name), ""
+    for name, held in facts.entries.items():
+        yield "combination", name, facts.cell_link(name).address, held[0][1].decisive or ""

@@ -1,0 +1,107 @@
+"""Write the page of a matrix: its table over two axes, every combination, what changes, and data for the filters."""
+
+from __future__ import annotations
+
+from typing import Any
+from urllib.parse import urlencode
+
+from harness.model import Role
+from harness.model.report_types import SYMBOLS, CellEntry, word
+from harness.reports.site import addresses
+from harness.reports.site.evidence_files import EvidenceFiles
+from harness.reports.site.page_writer import PageWriter
+from harness.reports.site.site_facts import SiteFacts
+from harness.reports.site.site_sources import Source
+from harness.reports.tables.table_types import Pivot, Row, Sheet
+from harness.reports.text import report_markdown
+
+NOTHING = "-"
+
+
+def write(facts: SiteFacts, writer: PageWriter, files: EvidenceFiles) -> None:
+    """Write a page for each matrix."""
+    for name, (source, sheet) in facts.sheets.items():
+        address = addresses.matrix_page(name)
+        cells = [cell for cell in source.document.cells if cell.matrix == name]
+        writer.write_data(address.replace("index.html", "data.js"), "MATRIX", _data(facts, sheet, cells))
+        writer.write(
+            address,
+            "matrix.html.j2",
+            matrix=name,
+            sheet=sheet,
+            result=report_markdown.result(sheet),
+            coverage=report_markdown.coverage(source.report),
+            pivot=_pivot(facts, sheet.pivot, cells) if sheet.pivot else None,
+            legend=report_markdown.legend(sheet.pivot) if sheet.pivot else "",
+            rows=[(row, facts.cell_link(row.id), facts.issue_address(row.known)) for row in sheet.rows],
+            troubles=[(one, facts.issue_address(one.known)) for one in sheet.troubles],
+            became=report_markdown.describe_results,
+            proven=report_markdown.proven,
+            plots=_plots(source, sheet, files),
+            environment_address=facts.environment_address,
+            whole=source.folder is not None,
+        )
+
+
+def _plots(source: Source, sheet: Sheet, files: EvidenceFiles) -> dict[str, Any]:
+    return {table.picture: files.copy(source, table.picture) for table in sheet.families}
+
+
+def _pivot(facts: SiteFacts, pivot: Pivot, cells: list[CellEntry]) -> dict[str, Any]:
+    """Return the small table: for each square the marks of its verdicts, each with a link to its cell or to a list."""
+    met: dict[tuple[str, str, str, str], list[str]] = {}
+    for cell in cells:
+        if cell.role is Role.MAIN and cell.measured:
+            place = cell.axes.get(pivot.down, NOTHING), cell.axes.get(pivot.across, NOTHING)
+            met.setdefault((*place, cell.machine or NOTHING, cell.verdict), []).append(cell.id)
+    rows = []
+    for row, squares in zip(pivot.rows, pivot.squares, strict=True):
+        line = []
+        for column, square in zip(pivot.columns, squares, strict=True):
+            parts = []
+            for part in square:
+                ids = met.get((row, column, part.machine, part.verdict), [])
+                parts.append(
+                    {
+                        "verdict": part.verdict,
+                        "mark": report_markdown.mark(pivot, part),
+                        "small": report_markdown.small(pivot, part),
+                        "word": word(part.verdict),
+                        "count": len(ids),
+                        "link": facts.cell_link(ids[0]).address if len(ids) == 1 else "",
+                        "query": urlencode({f"axis.{pivot.down}": row, f"axis.{pivot.across}": column}),
+                    }
+                )
+            line.append(parts)
+        rows.append((row, line))
+    return {"down": pivot.down, "across": pivot.across, "columns": pivot.columns, "rows": rows}
+
+
+def _data(facts: SiteFacts, sheet: Sheet, cells: list[CellEntry]) -> dict[str, Any]:
+    """Return the data of the filters: one list for each row, in the order of the rows."""
+    entries = {cell.id: cell for cell in cells}
+    first = (sheet.pivot.down, sheet.pivot.across) if sheet.pivot else ()
+    axes = list(dict.fromkeys((*first, *(name for cell in cells for name in sorted(cell.axes)))))
+    return {
+        "axes": axes,
+        "pivot": [*first] or [*axes, *axes][:2],
+        "signs": {verdict: SYMBOLS[verdict] for verdict in SYMBOLS},
+        "words": {verdict: word(verdict) for verdict in SYMBOLS},
+        "cells": [_cell(facts, row, entries[row.id], axes) for row in sheet.rows],
+    }
+
+
+def _cell(facts: SiteFacts, row: Row, entry: CellEntry, axes: list[str]) -> dict[str, Any]:
+    families = [f"{case.env or case.case}: {case.behaviour.family}" for case in entry.cases if case.behaviour]
+    text = [row.label, row.why, row.known, row.cause, *row.versions, *(case.env or "" for case in entry.cases)]
+    return {
+        "label": row.label,
+        "link": facts.cell_link(row.id).address,
+        "verdict": row.verdict,
+        "phase": row.phase,
+        "cause": row.known,
+        "family": families,
+        "main": row.role is Role.MAIN,
+        "axes": [entry.axes.get(axis, NOTHING) for axis in axes],
+        "text": " ".join(text).lower(),
+    }
