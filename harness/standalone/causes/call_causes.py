@@ -53,7 +53,7 @@ def causes(line: str, scene: Scene) -> Causes:
         yield from _unpacked(line, scene)
         return
     if PAIR.search(line):
-        yield from _paired(line, scene)
+        yield from _paired(scene)
         return
     answers: Dict[str, Cause] = {}
     for call in _calls(line):
@@ -221,21 +221,12 @@ def _unpacked(line: str, scene: Scene) -> Iterator[Cause]:
         yield _older(text, inside)
 
 
-def _paired(line: str, scene: Scene) -> Iterator[Cause]:
-    """Yield that a pair was taken for an observation, where the source that raised speaks of one, or NumPy of two rows.
-
-    Two rows that differ may be other rows, too.
-    """
+def _paired(scene: Scene) -> Iterator[Cause]:
+    """Yield that a pair was taken for an observation, where the source that raised speaks of one."""
     frames = scene.frames
-    two = "inhomogeneous" in line
-    if two or OBSERVATION.search("\n".join(frame[2] for frame in frames) if frames else scene.failure.text):
+    if OBSERVATION.search("\n".join(frame[2] for frame in frames) if frames else scene.failure.text):
         text = "reset() returns a pair (observation, info) since gym 0.26 and in gymnasium, and the code takes it whole"
         yield Cause("gym", text, requirement_remedy("gym<0.26", "Or write `obs, info = env.reset()`."))
-    if two:
-        text = (
-            "NumPy 1.24 and newer refuse to make an array of rows that differ in length; older ones made one of objects"
-        )
-        yield Cause("numpy", text, requirement_remedy("numpy<1.24", "Or make the rows alike, or write `dtype=object`."))
 
 
 def _older(text: str, inside: bool) -> Cause:
