@@ -136,7 +136,7 @@ CAUSES = (
         ),
     ),
 )
-"""What a line says, and its cause; the first that fits counts."""
+"""The pattern of a line and its cause; the first pattern that fits decides."""
 
 
 def causes(line: str, scene: Scene) -> Causes:
