@@ -85,3 +85,10 @@ def docs(session: nox.Session) -> None:
     session.run("python", "docs/making/record_terminal.py", "dist/terminal.svg")
     session.run("mkdocs", "build", "--strict", "--site-dir", "dist/docs", env={"NO_MKDOCS_2_WARNING": "1"})
     session.run("python", "docs/making/run_examples.py", *session.posargs)
+
+
+@nox.session(python="3.11")
+def release(session: nox.Session) -> None:
+    """Wheel and sdist in `dist/release`: built twice, checked, installed as users do; nothing is signed or sent."""
+    session.install("build", "twine", "pipx", "uv")
+    session.run("python", "tests/real/release.py", "dist/release")
