@@ -126,6 +126,16 @@ def test_people_get_the_answer_in_words(pyz: Path, tmp_path: Path) -> None:
     assert {"failed", "cause", "remedy", "reference", "known as", "next"} <= set(words)
 
 
+def test_a_pasted_line_needs_no_file(pyz: Path, tmp_path: Path) -> None:
+    """An error in place of the file is explained; a short file name is still a file."""
+    line = LOGS["bool8"].splitlines()[-1]
+    done = run(sys.executable, pyz, "explain", line, cwd=tmp_path)
+    piped = run(sys.executable, pyz, "explain", given=line.encode(), cwd=tmp_path)
+
+    assert ": " in line
+    assert (done.returncode, done.stdout) == (0, piped.stdout)
+
+
 def test_bad_input_is_refused_in_one_line(pyz: Path, tmp_path: Path) -> None:
     """Bad input gives one line on stderr and exit code 2."""
     done = run(sys.executable, pyz, "explain", "no.log", cwd=tmp_path)

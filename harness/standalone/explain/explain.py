@@ -25,6 +25,9 @@ from .log_excerpt import Excerpt
 
 UNKNOWN, BAD, INTERRUPTED = 1, 2, 130
 PINNED = re.compile(r"[A-Za-z0-9][\w.\[\],-]*\s*[=<>~!]")
+PASTED = re.compile(r": |\n")
+"""What a pasted error has and the name of a file has not."""
+
 HELP = (
     "Explain a failure from what was written of it: cause, remedy, reference, and what to type next. A FILE, or - for"
     " stdin; or, after --, a command, which is run as it stands, and explained where it fails. Exits with 1 where the"
@@ -191,6 +194,8 @@ def _read(file: Optional[str]) -> Excerpt:
         raise UsageError(message)
     if file in {None, "-"}:
         return log_excerpt.read_excerpt(sys.stdin.buffer.read if sys.stdin else io.BytesIO().read)
+    if PASTED.search(str(file)) and not os.path.exists(str(file)):
+        return log_excerpt.read_excerpt(io.BytesIO(str(file).encode("utf-8", "replace")).read)
     try:
         with open_file(str(file)) as stream:
             return log_excerpt.read_excerpt(stream.read)
