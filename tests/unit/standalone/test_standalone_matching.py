@@ -118,7 +118,7 @@ def test_plain_signatures_are_matched_as_typed_ones() -> None:
 
 def assert_matched_alike(known: list[tuple[Any, Any]], text: str, more: dict[str, Any]) -> list[str]:
     """Assert that signatures and their plain forms match a text alike, and return the ids that match."""
-    typed, plain_forms = zip(*known, strict=True)
+    typed, plain_forms = [one for one, _ in known], [form for _, form in known]
     hits = matching.diagnose(typed, [Evidence(phase=None, reasons=(text,))], Around(python="3.10", **more))
     seen = matching.Evidence(phase=None, reasons=(text,))
     made = matching.diagnose(plain_forms, [seen], matching.Around(python="3.10", **more))
