@@ -150,7 +150,7 @@ def _run(session: nox.Session, reason: str, name: str, glob: str, *options: str)
         output.seek(0)
         content = output.read()
     if not content:
-        session.error("inconclusive: no report was made; the reason stands above")
+        session.error("inconclusive: no report was made; the reason is above")
     report = document.read(content.encode(), "the report")
     _end(session, [entry for entry in report.cells if cellid.fits(glob, entry)], report.stale)
 

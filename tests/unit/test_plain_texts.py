@@ -17,12 +17,16 @@ FORBIDDEN = re.compile(
     mend(s|ed|ing)? | heirs? | foretell\w* | foretold | whither | anew | none\ such | whatever | whoever | beside
     | what\ comes\ of | comes?\ about | of\ (ours|theirs|yours) | as\ it\ is\ imported | not\ to\ be\ had | thereof
     | for\ who | is\ called\ so | keeps?\ (no|none)(\ \w+){1,3}\ out | keeps?\ no\ (later|earlier) | asks?\ for\ no
-    | hands?\ on | says\ nothing | said\ nothing | took\ (it|\w+)\ away | is\ of\ gym(nasium)?
+    | hands?\ on | says\ nothing | said\ nothing | took\ (it|\w+)\ away | is\ of\ (gym(nasium)?|mujoco)
+    | of\ before | since\ then | (has|have)\ no\ longer | (is|are)\ gone(\ \w+)?\ since | unasked | (go|goes|went)\ well
+    | stands?\ (above|last|under|there) | last\ words | harms?\ nothing | worth\ nothing | told\ nowhere | none,\ either
+    | without\ the\ harness | by\ the\ system's\ packages
     )\b""",
     re.VERBOSE | re.IGNORECASE,
 )
 """Old words, and forms that say by a negation or a relative clause what a plain verb says; each has a plain one: fix,
-successor, predict, again, any, with or next to, the result of, on import, has no upper bound, passes, removed."""
+successor, predict, again, any, with or next to, the result of, on import, has no upper bound, passes, removed; older,
+later, no longer has, automatically, works, is above, harmless, without simmatrix."""
 
 CODE = re.compile(r"```.*?```|`[^`\n]*`|https?://\S+|\{[{%#].*?[}%#]\}", re.DOTALL)
 """Parts of a text that are no prose: code, addresses, and a template's expressions."""
@@ -109,6 +113,49 @@ def test_a_long_sentence_is_seen() -> None:
     assert (len(first.split()), second) == (32, "Short.")
 
 
+KNOWN_ISSUES = sorted((ROOT / "matrices" / "signatures").glob("*.toml"))
+
+
+def issue_faults(prose: str) -> Iterator[str]:
+    """Yield what makes the cause or the fix of a known issue hard to read; code counts as a capital, and as a word."""
+    text = re.sub(r"`[^`]*`", "Code", prose)
+    if not re.match(r"[A-Z]", text):
+        yield f"begins without a capital or code: {prose[:60]}"
+    if not re.search(r"[.?!]\)?$", text):
+        yield f"ends without a full stop: {prose[-60:]}"
+    if "`" in text:
+        yield f"has a backtick without its pair: {prose[:60]}"
+    for sentence in re.split(r"(?<=[.!?:;])\s+", text):
+        if len(words := re.findall(r"\b\w[\w'.-]*", sentence)) > LONGEST:
+            yield f"{len(words)} words: {sentence}"
+
+
+@pytest.mark.parametrize("path", KNOWN_ISSUES, ids=lambda path: path.stem)
+def test_known_issues_are_short_sentences(path: Path) -> None:
+    """Causes and fixes are read at two in the morning: sentences of at most 24 words, from a capital to a full stop."""
+    issues = tomllib.loads(path.read_text(encoding="utf-8"))["signature"]
+    prose = [(each["id"], text) for each in issues for text in (each["cause"], each["remedy"].get("text")) if text]
+
+    assert issues
+    assert [(name, fault) for name, text in prose for fault in issue_faults(text)] == []
+
+
+@pytest.mark.parametrize(
+    ("prose", "fault"),
+    [
+        ("numpy 1.24 removed `np.float`.", "capital"),
+        ("Or take gym>=0.22", "full stop"),
+        ("Install `numpy<2.", "backtick"),
+        (f"Gym {'reads ' * 24}`a b c`.", "26 words"),
+        (f"{'word ' * 20}; {'word ' * 25}", "25 words"),
+    ],
+)
+def test_hard_prose_is_seen(prose: str, fault: str) -> None:
+    """Each of the faults is found; a text without one is none."""
+    assert any(fault in each for each in issue_faults(prose))
+    assert [*issue_faults("`pip` 24.1 skips it. (Python 3.7 has none.)")] == []
+
+
 @pytest.mark.parametrize(
     "text",
     [
@@ -117,6 +164,9 @@ def test_a_long_sentence_is_seen() -> None:
         "what comes of that",
         "a bug of ours",
         "shimmy is of gymnasium",
+        "packages of before look into it",
+        "why it ended stands above",
+        "a name that NumPy 2 has no longer",
     ],
 )
 def test_words_are_found(text: str) -> None:
