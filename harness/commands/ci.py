@@ -152,9 +152,9 @@ def _this_version(*, quiet: bool) -> str:
     requirement = installable()
     if requirement is None and not quiet:
         tell(
-            f"note: the workflow installs simmatrix=={version('simmatrix')}, but this copy was not installed from a package "
-            "index, which may not have it. Name a source that the workflow can reach: --install git+ADDRESS@COMMIT, or "
-            "--install ./FOLDER/simmatrix.whl for a wheel in this repository"
+            f"note: the workflow installs simmatrix=={version('simmatrix')}, but this copy was not installed from a "
+            "package index, which may not have it. Name a source that the workflow can reach: "
+            "--install git+ADDRESS@COMMIT, or --install ./FOLDER/simmatrix.whl for a wheel in this repository"
         )
     return requirement or f"simmatrix=={version('simmatrix')}"
 
