@@ -176,7 +176,8 @@ def wrapped(line: str, scene: Scene) -> Causes:
     if owner in OF_GYM_TOO and not (scene.speaks_of("gymnasium") or scene.installed or "gymnasium" in scene.versions):
         text = "the wrapper {} forwards no attributes, and `{}` belongs to the environment inside".format(owner, name)
         way = "Write `env.unwrapped.{}`. gymnasium before 1.0 and most releases of gym forward them.".format(name)
-        yield from () if name in REMOVED_FROM_GYM else (Cause("gymnasium", text, {"text": way}),)
+        subject = "gym" if scene.speaks_of("gym") else "wrapper"
+        yield from () if name in REMOVED_FROM_GYM else (Cause(subject, text, {"text": way}),)
         return
     history = scene.load("gymnasium")
     is_own = bool(history and any(name in names for path, names in _members(history) if path.endswith("." + owner)))
@@ -310,7 +311,8 @@ def absent(line: str, scene: Scene) -> Causes:
             requirement_remedy(package, "Or use Python 3.11.") if package else {"text": UPDATE}
         )
         yield Cause(package.partition("<")[0] or "python", text, remedy)
-    elif top in ELSEWHERE:
+    elif top in ELSEWHERE and (module == top or module.rpartition(".")[2].startswith("_")):
+        # Python names the first part that is missing: with a dotted name the program itself is there.
         name, way = ELSEWHERE[top]
         yield Cause(name, "the module `{}` is part of {}, which no package index has".format(top, name), {"text": way})
     elif module.startswith("omni.isaac.orbit"):
