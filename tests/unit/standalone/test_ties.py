@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from harness.commands.explain import signatures
+from harness.standalone.explain.api_history import load_shipped
 from harness.standalone.explain.explain_text import Explanation, Facts, explain_text
 from harness.standalone.failures import ties
 from tests.unit.standalone.test_failure_text import standalone_signature
@@ -79,3 +80,57 @@ def test_another_version_of_all_that_is_named_refutes() -> None:
 def test_lines_that_anybody_meets_accuse_nobody(line: str) -> None:
     """No known failure of ours is named for a line that says nothing of its package."""
     assert ids(explain_text(line, signatures())) == []
+
+
+def subjects(text: str) -> list[str]:
+    """Return the ids of the causes, with the shipped known failures and histories."""
+    return ids(explain_text(text, signatures(), Facts(history=load_shipped)))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        # gym had the id for three months: nobody can tell which side the installed release is on.
+        ("gym.error.UnregisteredEnv: No registered env with id: FetchReach-v0", ["gym-unregistered-env"]),
+        # The module before the colon was imported by gym itself: then a missing import is not why.
+        ("gym.error.UnregisteredEnv: No registered env with id: pybullet_robot_envs:iCubReach-v0", []),
+        # gym's own words before 0.22: a package that registers with gymnasium is no suspect.
+        ("gym.error.UnregisteredEnv: No registered env with id: FrankaKitchen-v1", ["gym-unregistered-env"]),
+        ("AttributeError: 'TimeLimit' object has no attribute 'ale'", ["derived:wrapper"]),
+        ("gym: AttributeError: 'TimeLimit' object has no attribute 'ale'", ["derived:gym"]),
+        ("ModuleNotFoundError: No module named 'rclpy._rclpy'", ["derived:ROS 2"]),
+        ("ImportError: libpython3.7m.so.1.0: cannot open shared object file: No such file", ["derived:libpython"]),
+        (
+            "AttributeError: 'numpy.random._generator.Generator' object has no attribute 'randint'",
+            ["gym022-np-random-generator", "derived:ale-py"],
+        ),
+        ('qt.qpa.plugin: Could not find the Qt platform plugin "xcb" in "/opt/CoppeliaSim"', []),
+    ],
+)
+def test_a_derived_cause_is_tied_as_well(text: str, expected: list[str]) -> None:
+    """A rule names a package only where the line, or the text around it, leaves no other."""
+    assert subjects(text) == expected
+
+
+def test_the_system_driver_was_tried_too() -> None:
+    """Mesa names the last place of several: of the first, which has the driver, an older libstdc++ is mostly why."""
+    line = (
+        "libGL error: MESA-LOADER: failed to open swrast: /usr/lib/dri/swrast_dri.so: cannot open shared object file:"
+        " No such file or directory (search paths {}/usr/lib/dri, suffix _dri)"
+    )
+    assert subjects(line.format("/usr/lib/x86_64-linux-gnu/dri:")) == [
+        "derived:libstdcxx-ng",
+        "mesa-dri-driver-missing",
+    ]
+    assert subjects(line.format("")) == ["mesa-dri-driver-missing"]
+
+
+def test_a_missing_module_has_no_other_line_as_its_cause() -> None:
+    """A complaint of a library above is no reason why Python finds no module."""
+    text = (
+        "[Error] [carb] Could not load it. Error: /lib64/libm.so.6: version `GLIBC_2.27' not found (required by a.so)\n"
+        'Traceback (most recent call last):\n  File "train.py", line 10, in <module>\n    import rlgpu\n'
+        "ModuleNotFoundError: No module named 'rlgpu'\n"
+    )
+    assert subjects(text) == []
+    assert subjects(text.splitlines()[0]) == ["derived:glibc"]
