@@ -12,7 +12,7 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 from ..explain.api_history import OF_IMPORT, PYTHON, Availability, History
 from ..explain.history_words import packages_with
 from ..explain.import_names import package_with
-from .scene import DOTTED, EVERYBODYS, QUOTE, WORD, Cause, Causes, Pattern, Scene, requirement_remedy
+from .scene import DOTTED, EVERYBODYS, QUOTE, RARE, WORD, Cause, Causes, Pattern, Scene, requirement_remedy
 
 ATTRIBUTE = Pattern(
     "(?:^|[^\\w'])(?:module )?{0}({1}){0} has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD), "has no attribute"
@@ -143,7 +143,9 @@ def _some_module(line: str, scene: Scene) -> Answers:
         return
     name = match.group(1)
     for package in packages_with("names", name):
-        history = scene.history(package)
+        # Any program may have a module with a plain word such as `Monitor`.
+        is_rare = re.search(r"[a-z][A-Z]", name) is not None or (len(name) > RARE and "_" in name)
+        history = scene.history(package) if is_rare or scene.speaks_of(package, package.replace("-", "_")) else None
         modules = [
             module
             for module, names in (history.plain if history else {}).get("names", {}).items()

@@ -104,6 +104,8 @@ def subjects(text: str) -> list[str]:
             "AttributeError: 'numpy.random._generator.Generator' object has no attribute 'randint'",
             ["gym022-np-random-generator", "derived:ale-py"],
         ),
+        ("AttributeError: 'module' object has no attribute 'MjSim'", ["derived:mujoco-py"]),
+        ("AttributeError: 'module' object has no attribute 'Monitor'", []),
         ('qt.qpa.plugin: Could not find the Qt platform plugin "xcb" in "/opt/CoppeliaSim"', []),
     ],
 )
