@@ -107,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     texts = tomllib.loads(NONE.read_text(encoding="utf-8"))["text"]
     shipped = signatures()
     accused = [text for text in texts if explain_text(text["text"], shipped, FACTS).causes]
-    opened, more, logs = list(answers(is_aside=False)), list(_explained(MORE)), list(_explained(LOGS))
+    opened, more, logs = list(answers(is_aside=False)), list(explained(MORE)), list(explained(LOGS))
     parts = [HEAD, _figures("open half", opened), _figures("further lines", more), _figures("logs", logs)]
     if args.set_aside:
         figures = _figures("half set aside", list(answers(is_aside=True)))
@@ -128,7 +128,7 @@ def _look(name: str) -> None:
     page = HERE / f"lines-{name}.md"
     if page.is_file():
         sys.exit(f"{page.name} is there: it was looked at before")
-    explained = {kind: list(_explained(HERE / f"{kind}-{name}.toml")) for kind in ("lines", "logs")}
+    explained = {kind: list(explained(HERE / f"{kind}-{name}.toml")) for kind in ("lines", "logs")}
     figures = [_figures(f"{name} {kind}", some) for kind, some in explained.items()]
     print("\n".join(figures))
     details = [part for kind, some in explained.items() for part in (f"## The {kind}\n", *map(_detail, some))]
@@ -176,10 +176,10 @@ def _speaks_of(package: str, words: str) -> bool:
 
 def answers(*, is_aside: bool) -> Iterator[Answer]:
     """Explain the lines of the half that is set aside, or of the other one."""
-    return _explained(LINES, lambda line: is_set_aside(line["id"]) == is_aside)
+    return explained(LINES, lambda line: is_set_aside(line["id"]) == is_aside)
 
 
-def _explained(file: Path, wanted: Callable[[Mapping[str, Any]], bool] = lambda _: True) -> Iterator[Answer]:
+def explained(file: Path, wanted: Callable[[Mapping[str, Any]], bool] = lambda _: True) -> Iterator[Answer]:
     """Explain the wanted lines of a file."""
     by_hand = tomllib.loads(JUDGED.read_text(encoding="utf-8"))["judged"]
     shipped = signatures()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 from msgspec import Meta, convert, field
 from msgspec.structs import asdict
@@ -93,6 +93,22 @@ class PartTaking(tuple[str, ...], metaclass=Checked):
         return alternatives
 
 
+class Ties(tuple[str, ...], metaclass=Checked):
+    """Words that tie a text to a signature: expressions, or one of two words for a rule."""
+
+    reads: ClassVar[tuple[Any, ...]] = (
+        Literal["line", "packages"],
+        Annotated[tuple[PortablePattern, ...], Meta(min_length=1)],
+    )
+
+    @classmethod
+    def parse(cls, plain: Any, convert: Any) -> tuple[str, ...]:
+        """Return what either form stands for."""
+        rule: tuple[str, ...] = (convert(plain, cls.reads[0]),) if isinstance(plain, str) else ()
+        words: tuple[str, ...] = rule or convert(plain, cls.reads[1])
+        return words
+
+
 class RemedyTable(Change, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The remedy of a failure: keys of a matrix's `[[change]]`, and `text` for what no machine can do."""
 
@@ -121,6 +137,13 @@ class Signature(Table, frozen=True, kw_only=True):
         tuple[Phase, ...], Meta(description="where it shows; without any it is a trouble of the machine, in any phase")
     ] = ()
     pattern: PortablePattern | None = None
+    ties: Annotated[
+        Ties,
+        Meta(
+            description="words of which a text must have one for this cause to be named: its line is a common one;"
+            " `line`: the line alone is enough; `packages`: each of them has to be named [packages]"
+        ),
+    ] = Ties()
     code: Annotated[
         str | Annotated[tuple[str, ...], Meta(min_length=2)] | None,
         Meta(description="what a check observes, or one of several; a pattern fits what libraries print"),

@@ -12,7 +12,7 @@ from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 from ..explain.api_history import OF_IMPORT, PYTHON, Availability, History
 from ..explain.history_words import packages_with
 from ..explain.import_names import package_with
-from .scene import DOTTED, EVERYBODYS, QUOTE, WORD, Cause, Causes, Pattern, Scene, requirement_remedy
+from .scene import DOTTED, EVERYBODYS, QUOTE, RARE, WORD, Cause, Causes, Pattern, Scene, requirement_remedy
 
 ATTRIBUTE = Pattern(
     "(?:^|[^\\w'])(?:module )?{0}({1}){0} has no attribute {0}({2}){0}".format(QUOTE, DOTTED, WORD), "has no attribute"
@@ -143,7 +143,9 @@ def _some_module(line: str, scene: Scene) -> Answers:
         return
     name = match.group(1)
     for package in packages_with("names", name):
-        history = scene.history(package)
+        # Any program may have a module with a plain word such as `Monitor`.
+        is_rare = re.search(r"[a-z][A-Z]", name) is not None or (len(name) > RARE and "_" in name)
+        history = scene.history(package) if is_rare or scene.speaks_of(package, package.replace("-", "_")) else None
         modules = [
             module
             for module, names in (history.plain if history else {}).get("names", {}).items()
@@ -176,7 +178,8 @@ def wrapped(line: str, scene: Scene) -> Causes:
     if owner in OF_GYM_TOO and not (scene.speaks_of("gymnasium") or scene.installed or "gymnasium" in scene.versions):
         text = "the wrapper {} forwards no attributes, and `{}` belongs to the environment inside".format(owner, name)
         way = "Write `env.unwrapped.{}`. gymnasium before 1.0 and most releases of gym forward them.".format(name)
-        yield from () if name in REMOVED_FROM_GYM else (Cause("gymnasium", text, {"text": way}),)
+        subject = "gym" if scene.speaks_of("gym") else "wrapper"
+        yield from () if name in REMOVED_FROM_GYM else (Cause(subject, text, {"text": way}),)
         return
     history = scene.load("gymnasium")
     is_own = bool(history and any(name in names for path, names in _members(history) if path.endswith("." + owner)))
@@ -310,7 +313,8 @@ def absent(line: str, scene: Scene) -> Causes:
             requirement_remedy(package, "Or use Python 3.11.") if package else {"text": UPDATE}
         )
         yield Cause(package.partition("<")[0] or "python", text, remedy)
-    elif top in ELSEWHERE:
+    elif top in ELSEWHERE and (module == top or module.rpartition(".")[2].startswith("_")):
+        # Python names the first part that is missing: with a dotted name the program itself is there.
         name, way = ELSEWHERE[top]
         yield Cause(name, "the module `{}` is part of {}, which no package index has".format(top, name), {"text": way})
     elif module.startswith("omni.isaac.orbit"):

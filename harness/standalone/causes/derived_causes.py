@@ -31,6 +31,8 @@ RULES: Sequence[Tuple[Rule, bool]] = (
     (installer_conflicts.causes, False),
     (missing_releases.causes, False),
     (environment_ids.released, False),
+    (graphics_causes.of_mesa, False),
+    (native_causes.random_numbers, False),
     (missing_files.of_mujoco, True),
     (saved_objects.causes, True),
     (python_causes.causes, True),
@@ -55,6 +57,9 @@ RULES: Sequence[Tuple[Rule, bool]] = (
 
 The first rule that knows a line answers for it.
 """
+
+MISSING = "No module named "
+"""An exception that says all: no other line of the text is why a module is missing."""
 
 MOST = 2
 """Causes of one line."""
@@ -87,6 +92,8 @@ def _of_line(line: str, scene: Scene) -> List[Tuple[Cause, bool]]:
 def _lines(failure: Failure) -> List[str]:
     """Return the lines that say why; of a short text the others, too."""
     lines = failure.text.splitlines()
+    if failure.raised and MISSING in (failure.decisive or ""):
+        return list(failure.lines[:1])
     short = [line for line in lines if line.strip()] if len(lines) <= QUOTED else []
     return list(dict.fromkeys([*failure.lines, *(short if not failure.raised else ())]))
 

@@ -61,6 +61,15 @@ OWNERS: Tuple[Tuple[str, str, str], ...] = (
 )  # fmt: skip
 """Ids as a pattern, the package that registers them, and the module that does so when it is imported."""
 
+OF_OLD_GYM = Pattern(r"No registered env with id|UnregisteredEnv", "No registered env", "UnregisteredEnv")
+"""The words of gym before 0.22: a package that registers with gymnasium has no part in it."""
+
+OF_GYMNASIUM = frozenset(
+    "flappy-bird-gymnasium gym-aloha gym-pusht gym-xarm gymnasium-robotics isaaclab mani-skill safety-gymnasium"
+    " shimmy vizdoom".split()
+)
+"""Packages all of whose releases register their environments with gymnasium."""
+
 D4RL_LIKE = re.compile(
     r"(?:halfcheetah|hopper|walker2d)-(?!(?:random|medium|expert|medium-replay|full-replay|medium-expert|mixed)(?:-v\d)?$)"
     r"[a-z]+-[a-z-]+"
@@ -102,7 +111,10 @@ def causes(line: str, scene: Scene) -> Causes:
         way = "`import d4rl` prints what it lacks, unless D4RL_SUPPRESS_IMPORT_ERROR is set. Or take minari's datasets."
         yield Cause("d4rl", text, {"text": way})
         return
+    is_old = OF_OLD_GYM.search(scene.failure.text) is not None
     for pattern, package, importing in OWNERS if name else ():
+        if is_old and package in OF_GYMNASIUM:
+            continue
         if re.match(pattern, bare) or (space and re.match(pattern, space + "/")):
             there = near is not None and re.match(pattern, near.group(1)) is not None
             yield (
@@ -153,6 +165,8 @@ def _of_histories(name: str, scene: Scene) -> Causes:
         history = scene.history(library) if re.search(r"-v\d+$", bare) else None
         spans = history.spans("environments", bare) if history else None
         there = history.where(spans, scene.versions.get(library), history.ran) if history and spans else None
+        if history is not None and there is not None and library not in scene.versions and history.is_brief(there):
+            return
         if there is not None and there.too_new and re.match(OWNERS[0][0], bare):
             text = _words(bare, there) + "; ale-py registers it since"
             way = "Or `{}`, with what its Atari environments need.".format(there.bound)
@@ -188,6 +202,10 @@ def _unregistered(name: str, package: str, module: str, scene: Scene) -> Cause:
     text = "the environment `{}` is registered by the package {} when `{}` is imported, and it was not".format(
         name, package, module
     )
+    if package == "d4rl":
+        text += ", or its import failed in part"
+        way = "Then `import d4rl` before make: it prints which of its parts failed, and these register nothing."
+        return Cause(package, text, {"requirements": [package], "text": way})
     return Cause(package, text, {"requirements": [package], "text": "Then `import {}` before make.".format(module)})
 
 

@@ -21,7 +21,7 @@ DISPLAY = Pattern(
     r"X11: The DISPLAY environment variable is missing|X11: Failed to open display|NoSuchDisplayException"
     r"|[Cc]annot connect to (?:X server|\W?None\W?)|[Cc]annot open display|could not connect to display|Authorization"
     r" required, but no authorization protocol|no display name and no \$DISPLAY|Wayland: Failed to connect to display"
-    r"|Failed to (?:initialize|init) GLFW|could not initialize GLFW|platform plugin \W?xcb\W? in"
+    r"|Failed to (?:initialize|init) GLFW|could not initialize GLFW"
     r"|No available video device|Unable to open X display|X connection to \S+ broken",
     "isplay", "DISPLAY", "X server", "None", "Authorization", "GLFW", "xcb", "video device", "X connection",
 )  # fmt: skip
@@ -49,6 +49,12 @@ SOFTWARE = Pattern(
     r"|using old-style GLX context",
     "ibGL error", "ibgl error", "MESA-LOADER", "old-style GLX",
 )  # fmt: skip
+SYSTEM_DRIVER = Pattern(
+    r"MESA-LOADER: failed to open \w+: .*No such file or directory \(search paths [^)]*/usr/lib/x86_64-linux-gnu/dri",
+    "MESA-LOADER",
+)
+"""The line names the last place that was tried. The system's own driver, tried before, did not load either."""
+
 SERVER = (
     "On a machine without a screen set `MUJOCO_GL=egl` (or `osmesa`) before Python starts, or run it by `xvfb-run -a`."
 )
@@ -137,6 +143,17 @@ CAUSES = (
     ),
 )
 """The pattern of a line and its cause; the first pattern that fits decides."""
+
+
+def of_mesa(line: str, scene: Scene) -> Causes:
+    """Yield the cause where the system's driver is among those that Mesa tried in vain."""
+    if SYSTEM_DRIVER.search(line):
+        text = (
+            "Mesa tried the system's driver, too, and names only the last place: mostly an older libstdc++, as in an"
+            " environment of conda, was loaded first; else the driver is not installed"
+        )
+        way = "`conda install -c conda-forge libstdcxx-ng`, or `apt-get install libgl1-mesa-dri`."
+        yield Cause("libstdcxx-ng", text, {"text": way})
 
 
 def causes(line: str, scene: Scene) -> Causes:

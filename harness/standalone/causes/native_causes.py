@@ -34,6 +34,10 @@ BOUNDS = Pattern(r"OverflowError: Python integer -?\d+ out of bounds for u?int\d
 ANOTHER_NUMPY = Pattern(r"expected np\.ndarray \(got numpy\.ndarray\)", "got numpy.ndarray")
 RAGGED = Pattern(r"requested array has an inhomogeneous shape after \d+ dimensions(?!.*\(2,\))", "inhomogeneous shape")
 PROTOBUF = Pattern(r"Descriptors cann?ot (?:not )?be created directly", "Descriptors ")
+GENERATOR = Pattern(
+    r"numpy\.random\._generator\.Generator' object has no attribute '(?:rand|randint|randn|random_sample)'",
+    "Generator'",
+)
 UFUNC_OF_122 = 232
 """Bytes of a ufunc since NumPy 1.22."""
 
@@ -51,6 +55,13 @@ def causes(line: str, scene: Scene) -> Causes:
         if cause is not None:
             yield cause
             return
+
+
+def random_numbers(line: str, scene: Scene) -> Causes:
+    """Yield the second package that began to hand out a Generator; the first one, gym, is a known issue."""
+    if GENERATOR.search(line) and not scene.speaks_of("gymnasium") and scene.is_pasted:
+        text = "ale-py 0.7.5 and newer give `np_random` as a Generator of NumPy, which has `integers`, not `randint`"
+        yield Cause("ale-py", text, {"requirements": ["ale-py<0.7.5"], "text": "For Atari games; else it is gym."})
 
 
 def _numpy(line: str, scene: Scene) -> Optional[Cause]:

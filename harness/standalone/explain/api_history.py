@@ -35,6 +35,9 @@ PYTHON = "python-library"
 OLDEST = {PYTHON: "2018"}
 """Another year than `OLD`, for what people keep longer."""
 
+BRIEF = 6
+"""Months that a name lasted of which nobody can tell whether the release at hand is older or newer."""
+
 ANCIENT = "2017"
 """Nobody runs a release from before this year: code that wants a name from then has another fault."""
 
@@ -155,6 +158,13 @@ class History:
         unread = [version for version in versions if not version.is_prerelease and version.release[:2] != (0, 0)]
         return 0 < len(unread) <= FEW
 
+    def is_brief(self, there: Availability) -> bool:
+        """Return whether a name came and went within half a year: an unknown release may be on either side of it."""
+        if there.first is None or there.after is None:
+            return False
+        first, after = (self._uploaded(self.versions.index(version)) for version in (there.first, there.after))
+        return 0 <= _months(after) - _months(first) < BRIEF
+
     def _uploaded(self, place: int) -> str:
         return str(self.plain["releases"][place].get("uploaded") or "")
 
@@ -263,6 +273,11 @@ class _SearchedImports(Mapping[str, str]):
 
 OF_IMPORT: Mapping[str, str] = _SearchedImports()
 """The package by its import name, of those that are searched where a line names no package."""
+
+
+def _months(uploaded: str) -> int:
+    """Return the number of months since the year 0 of a date such as `2018-02-09`; 0 without a date."""
+    return int(uploaded[:4]) * 12 + int(uploaded[5:7]) if uploaded else 0
 
 
 def _places(spans: Iterable[Sequence[int]]) -> List[int]:

@@ -11,6 +11,7 @@ from ..failures.counting import select_counting
 from ..failures.lines import MASKS, shorten_line
 from ..failures.machine_trouble import SHORTAGES, UNREACHABLE
 from ..failures.matching import Around, Diagnosis
+from ..failures.ties import is_refuted, is_tied, mentions_packages
 from ..requirements import named
 from ..versions import specifiers, unsatisfiable
 from .api_history import Load, no_history
@@ -121,23 +122,26 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
     failure = read_failure(text, surely=here.failed or here.signal is not None)
     text_hints = hints(failure.text)
     killed = here.signal or failure.signal
-    sure, could = _candidates(signatures, _around(here, text_hints, failure), here.python or text_hints.python)
+    around = _around(here, text_hints, failure)
+    sure, could = _candidates(signatures, around, here.python or text_hints.python)
     if is_mention(failure.text) and not (here.failed or here.signal):
         failure = failure._replace(failed=False, decisive=None, lines=())
-        sure = could = []
+        sure, could = [], []
     if not failure.failed and len(failure.text.split("\n", QUOTED)) > QUOTED:
-        sure = could = []  # a log of what went well may mention what is known to fail
+        sure, could = [], []  # a log of what went well may mention what is known to fail
     hits, aside = find_hits(sure, failure, killed)
+    hits, untied = _divide(hits, failure, around, here)
     if failure.failed or (failure.text.count("\n") < QUOTED and not is_mention(failure.text)):
         derived = derive(failure, text_hints, here.installed, here.python, here.history)
         hits = with_derived(hits, derived, failure)
     if hits and all(hit.generic for hit in hits):
-        hits = (*_applicable(find_hits(could, failure, killed)[0], failure.text), *hits)
+        possible, _ = _divide(find_hits(could, failure, killed)[0], failure, around, here)
+        hits = (*_applicable(possible, failure.text), *hits)
     mentions = (MENTION.format(hit.seen, hit.signature.id) for hit in aside[:SHOWN])
     findings: List[Tuple[str, str, str]] = [("besides", NOTE, mention) for mention in mentions]
     if _deepest(hits) is None:
-        possible = find_hits(could, failure, killed)[0]
-        spoken = [hit for hit in possible if _mentions_packages(hit.signature, failure.text)]
+        possible, others = _divide(find_hits(could, failure, killed)[0], failure, around, here)
+        spoken = [hit for hit in possible if mentions_packages(hit.signature, failure.text)]
         # Between two broad causes a text without versions cannot decide.
         pasted = [hit for hit in spoken or possible if hit.signature.pattern] if _is_pasted(failure) else []
         if len(spoken) == 1 or 0 < len(pasted) <= LIKELY:
@@ -145,7 +149,8 @@ def explain_text(text: str, signatures: Sequence[matching.Signature], here: Fact
             hits = (*likely, *hits)
             findings += [("packages", NOTE, _describe_condition(hit.signature)) for hit in likely]
         else:
-            findings += [("possible", NOTE, _possible(hit)) for hit in (spoken or possible)[:SHOWN]]
+            doubtful = spoken or (*possible, *untied, *others)
+            findings += [("possible", NOTE, _possible(hit)) for hit in doubtful[:SHOWN]]
     # A known line that somebody only quotes counts as a failure, though no word in it says so.
     if not failure.failed and hits:
         failure = failure._replace(failed=True, decisive=hits[0].seen)
@@ -194,6 +199,26 @@ def _candidates(
     return sure, could
 
 
+def _divide(
+    hits: Sequence[Diagnosis], failure: Failure, around: Around, here: Facts
+) -> Tuple[Tuple[Diagnosis, ...], Tuple[Diagnosis, ...]]:
+    """Return the known failures that something ties to the text, and those whose line anybody may meet.
+
+    A tie is a word of the text, or that the versions at hand are those of the known failure. A known failure of other
+    versions than the text names is neither.
+    """
+    tied: List[Diagnosis] = []
+    untied: List[Diagnosis] = []
+    look = matching.build_look(around) if hits else None
+    for hit in hits:
+        fits = bool(hit.signature.packages) and matching.check_packages([hit.signature], around) == [True]
+        if fits:
+            tied.append(hit)
+        elif look is None or not is_refuted(hit.signature, failure.text, look):
+            (tied if is_tied(hit.signature, failure.text, here.installed) else untied).append(hit)
+    return tuple(tied), tuple(untied)
+
+
 def _of_python(signature: matching.Signature, python: Optional[str]) -> bool:
     """Return whether a failure is one of this Python, of which the text may tell no more than "3.10"."""
     if not signature.python or python is None:
@@ -208,40 +233,14 @@ def _applicable(possible: Sequence[Diagnosis], text: str) -> List[Diagnosis]:
     steps = ("requirements", "environment")
     remedies = [(hit, hit.signature.plain.get("remedy", {})) for hit in possible if not hit.masks]
     likely = [hit for hit, remedy in remedies if any(remedy.get(step) for step in steps)]
-    spoken = [hit for hit in likely if hit.signature.packages and _mentions_packages(hit.signature, text)]
+    spoken = [hit for hit in likely if hit.signature.packages and mentions_packages(hit.signature, text)]
     return spoken if len(spoken) == 1 else []
-
-
-def _mentions_packages(signature: matching.Signature, text: str) -> bool:
-    """Return whether a text speaks of each package that takes part."""
-    return all(any(_speaks(named(each), text) for each in part) for part in signature.packages)
-
-
-TOOLS = {
-    "pip": re.compile(r"^(?:ERROR|WARNING): |^Collecting |which is incompatible\.$", re.MULTILINE),
-    "uv": re.compile(r"No solution found|we can conclude that|^ {2}cause: |╰─▶|^hint: ", re.MULTILINE),
-    "conda": re.compile(r"libmamba|^(?:Collecting package metadata|Solving environment)", re.MULTILINE),
-}
-"""Whoever prints such lines is there, without a name."""
-
-WORDS = {
-    "mujoco": re.compile(r"\bmj_\w+\(|\bmj[A-Z]\w+|XML Error: "),
-    "pyopengl": re.compile(r"\bOpenGL\b|\begl[A-Z]\w+"),
-    "setuptools": re.compile(r"pkg_resources|distutils"),
-    "torch": re.compile(r"Weights only load failed|^RuntimeError: CUDA error: |\bcuda:\d+ device type", re.MULTILINE),
-}
-"""What only these packages call so."""
-
-
-def _speaks(name: str, text: str) -> bool:
-    if any(name in known and known[name].search(text) for known in (TOOLS, WORDS)):
-        return True
-    pattern = "[-_.]".join(map(re.escape, name.split("-")))
-    return re.search("(?<![A-Za-z0-9])" + pattern + "(?![A-Za-z0-9])", text, re.IGNORECASE) is not None
 
 
 def _describe_condition(signature: matching.Signature) -> str:
     parts = [" or ".join("`{}`".format(each) for each in part) for part in signature.packages]
+    if not parts:
+        return "nothing else in the text shows that it is about this"
     return "the text does not tell versions: this is the cause if {} {} installed".format(
         " and ".join(parts), "is" if len(parts) == 1 else "are"
     )

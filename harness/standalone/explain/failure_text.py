@@ -235,7 +235,9 @@ QUOTED = 4
 COMPLAINT = re.compile(r"^\[(?:Error|Fatal)\] \[")
 """Lines of Isaac Sim that call themselves errors in their own way."""
 
-OTHER_COMPLAINT = re.compile(r": version `\S+' not found|^\s*CMake Error|^Failed to create an OpenGL context")
+OTHER_COMPLAINT = re.compile(
+    r": version `\S+' not found|^\s*CMake Error|^Failed to create an OpenGL context|^libGL error: MESA-LOADER: "
+)
 """Lines of the loader, CMake and PyBullet; where an exception was raised, it counts."""
 
 

@@ -25,7 +25,7 @@ IN_FILE = re.compile(
     r"\b([A-Za-z0-9_.]+)-(\d[A-Za-z0-9.!+]*)(?:-(?:cp|py)\d\S*\.whl|\.tar\.gz|\.dist-info|-py3\.\d+\.egg)"
 )
 KEYS = "gym|gymnasium|numpy|mujoco|torch|jax|jaxlib|scipy|pybullet|robosuite|dm[_-]control"
-KEY_VERSION = re.compile(r"\b({})(?:'s)? version:? v?{}".format(KEYS, VERSION), re.IGNORECASE)
+KEY_VERSION = re.compile(r"\b({})(?:'s)? version ?:? ?`?v?{}".format(KEYS, VERSION), re.IGNORECASE)
 
 
 class Hints(NamedTuple):

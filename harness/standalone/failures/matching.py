@@ -52,6 +52,7 @@ class Signature(NamedTuple):
     check: Optional[str] = None
     opengl: bool = False
     code: Optional[str] = None
+    ties: Tuple[str, ...] = ()
 
     @property
     def wording(self) -> Optional[str]:
@@ -67,6 +68,7 @@ class Signature(NamedTuple):
 def read(plain: Mapping[str, Any]) -> Signature:
     """Make a known failure of its keys in a file of signatures."""
     parts = (each if isinstance(each, (list, tuple)) else [each] for each in plain.get("packages", ()))
+    ties = plain.get("ties", ())
     return Signature(
         plain=plain,
         id=plain["id"],
@@ -82,6 +84,7 @@ def read(plain: Mapping[str, Any]) -> Signature:
         apis=tuple(plain.get("apis", ())),
         check=plain.get("check"),
         opengl=bool(plain.get("opengl")),
+        ties=(ties,) if isinstance(ties, str) else tuple(ties),
     )
 
 
@@ -173,7 +176,7 @@ def _order(phase: Optional[str]) -> int:
 
 def diagnose(signatures: Iterable[Any], evidence: Sequence[Evidence], around: Around) -> Tuple[Diagnosis, ...]:
     """Return the known failures that fit, each once, the deepest cause first; equal ones by what failed first."""
-    look = _build_look(around)
+    look = build_look(around)
     candidates: List[Tuple[Any, int, Diagnosis]] = []
     for signature in signatures:
         if signature.loud and _fits(signature, around, look):
@@ -197,7 +200,7 @@ def _beside_the_point(hit: Diagnosis) -> bool:
 def lurking(signatures: Iterable[K], around: Around) -> Tuple[K, ...]:
     """Return the silent failures that the installed packages run into: all their packages are there."""
     silent = [one for one in signatures if one.silent]  # type: ignore[attr-defined]
-    look = _build_look(around) if silent else None
+    look = build_look(around) if silent else None
     return tuple(one for one in silent if look and _of_python(one, around) and _standing(one, look))
 
 
@@ -211,7 +214,7 @@ def matches(signatures: Iterable[Any], evidence: Any) -> Iterator[Diagnosis]:
 
 def check_packages(signatures: Sequence[Any], around: Any) -> List[Optional[bool]]:
     """Return whether the packages that take part in each are there; None where that cannot be told of all of them."""
-    look = _build_look(around)
+    look = build_look(around)
     return [_standing(one, look) for one in signatures]
 
 
@@ -299,7 +302,7 @@ def _any(results: List[Optional[bool]]) -> Optional[bool]:
     return True if True in results else None if None in results else False
 
 
-def _build_look(around: Any) -> Look:
+def build_look(around: Any) -> Look:
     """Return a function that tells whether a requirement holds; it returns None if that is unknown."""
     if around.installed is not None:
         installed = {canonical(name): version for name, version in around.installed.items()}

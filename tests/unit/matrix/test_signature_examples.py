@@ -16,7 +16,7 @@ from harness.model.report_types import CellEntry
 from harness.model.vocabulary import parsed_requirement
 from harness.reports import document
 from harness.running.signatures import shipped_signatures, signature_files
-from harness.standalone.failures import matching
+from harness.standalone.failures import matching, ties
 from harness.standalone.failures.matching import Around, Evidence, diagnose
 
 ROOT = Path(__file__).parents[3]
@@ -66,6 +66,15 @@ class TestSignature:
             else:
                 assert found[0] == (one.id, False), (text, found)
                 assert [name for name, masks in found[1:] if not masks and not _broad(name)] == [], text
+
+    def test_each_common_line_has_a_decision(self, one: Signature) -> None:
+        """Each line that its pattern finds names its packages, or `ties` says what is enough to name the cause."""
+        if one.pattern is None or one.silent or one.ties:
+            return
+        matches = [matching.compile_once(one.pattern).search(text) for text in one.examples]
+        lines = [match.group(0) for match in matches if match]
+        assert one.packages
+        assert [line for line in lines if not ties.mentions_packages(one, line)] == []
 
     def test_examples_differ(self, one: Signature) -> None:
         """Two of one text would prove no more than one."""

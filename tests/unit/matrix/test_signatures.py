@@ -104,6 +104,24 @@ def test_mistakes_are_reported_with_their_place(old: str, new: str, message: str
     assert message in str(told.value)
 
 
+@pytest.mark.parametrize(
+    ("written", "held"),
+    [('"line"', ("line",)), ('"packages"', ("packages",)), ("""["gym", 'envs?']""", ("gym", "envs?"))],
+)
+def test_ties_are_a_rule_or_words(written: str, held: tuple[str, ...]) -> None:
+    """The key is one of two rules, or a list of expressions; all are held as a list."""
+    (one,) = signatures.read({"a.toml": FULL.replace("packages =", f"ties = {written}\npackages =")})
+    assert one.ties == held
+    assert matching.read(one.as_file).ties == held
+
+
+@pytest.mark.parametrize("written", ['"lines"', "[]", '["("]'])
+def test_other_ties_are_refused(written: str) -> None:
+    """A third rule, no word at all, and an expression that does not compile."""
+    with pytest.raises(BadInput, match="ties"):
+        signatures.read({"a.toml": FULL.replace("packages =", f"ties = {written}\npackages =")})
+
+
 def test_a_remedy_says_something() -> None:
     """An empty one is a mistake."""
     with pytest.raises(BadInput, match='"x" has an empty remedy; say in words'):

@@ -246,6 +246,7 @@ def test_the_signal_that_killed_a_process(text: str, name: str | None) -> None:
         ("numpy                     1.26.4          py310hb13e2d6_0    conda-forge\n", None, {"numpy": "1.26.4"}),
         ("Downloading mujoco-2.3.7-cp39-cp39-manylinux_2_17_x86_64.whl (4.6 MB)\n", "3.9", {"mujoco": "2.3.7"}),
         ("gymnasium version: 1.2.0\nx==y\n", None, {"gymnasium": "1.2.0"}),
+        (" - Gym version : `0.21.0`\n", None, {"gym": "0.21.0"}),
     ],
 )  # fmt: skip
 def test_versions_are_read_in_passing(text: str, python: str | None, packages: dict[str, str]) -> None:
@@ -259,7 +260,7 @@ def test_versions_are_read_in_passing(text: str, python: str | None, packages: d
 KNOWN = standalone_signature("wings", "no wings")
 BROAD = standalone_signature("broad", "no wings", generic=True, packages=["gym>=0.26"])
 ECHO = standalone_signature("echo", "ConnectionResetError", masks=True, generic=True, phases=["vector"])
-MODEL = standalone_signature("model", "no such model", packages=["arms<2"])
+MODEL = standalone_signature("model", "no such model", packages=["arms<2"], ties="line")
 KILLED = standalone_signature("killed", None, signal="SIGSEGV", packages=["arms"])
 
 
@@ -404,7 +405,10 @@ def test_the_document_is_that_of_the_contract() -> None:
 
 def test_two_broad_causes_of_a_pasted_line_are_most_likely() -> None:
     """A line alone is all that somebody has: both are named, with the versions that would decide."""
-    other = standalone_signature("other", "no wings", generic=True, packages=["gym<0.26"])
-    explanation = explain_text.explain_text("ValueError: no wings", [BROAD, other])
+    both = [
+        standalone_signature(name, "no wings", generic=True, packages=[package], ties="line")
+        for name, package in (("broad", "gym>=0.26"), ("other", "gym<0.26"))
+    ]
+    explanation = explain_text.explain_text("ValueError: no wings", both)
     assert sorted(hit.signature.id for hit in explanation.causes) == ["broad", "other"]
     assert [check for check, _, _ in explanation.findings] == ["packages", "packages"]
