@@ -128,10 +128,10 @@ def _look(name: str) -> None:
     page = HERE / f"lines-{name}.md"
     if page.is_file():
         sys.exit(f"{page.name} is there: it was looked at before")
-    explained = {kind: list(explained(HERE / f"{kind}-{name}.toml")) for kind in ("lines", "logs")}
-    figures = [_figures(f"{name} {kind}", some) for kind, some in explained.items()]
+    looked = {kind: list(explained(HERE / f"{kind}-{name}.toml")) for kind in ("lines", "logs")}
+    figures = [_figures(f"{name} {kind}", some) for kind, some in looked.items()]
     print("\n".join(figures))
-    details = [part for kind, some in explained.items() for part in (f"## The {kind}\n", *map(_detail, some))]
+    details = [part for kind, some in looked.items() for part in (f"## The {kind}\n", *map(_detail, some))]
     page.write_text("\n".join([HEAD_OF_LOOK.format(name), *figures, *details]), encoding="utf-8")
 
 
