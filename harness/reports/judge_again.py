@@ -143,9 +143,12 @@ def _today(plan: Plan) -> Plan:
 
 def _cell(today: Cell | None, cell: Cell) -> Cell:
     """Return a cell with its expectation of today, if it is still the same cell."""
-    if today and replace(today, expect=cell.expect, tried=cell.tried) == cell:
-        return today
-    return cell
+    return today if today and _without_words(today) == _without_words(cell) else cell
+
+
+def _without_words(cell: Cell) -> Cell:
+    """Return a cell without the texts that its matrix may reword: expectation, change, how to get missing software."""
+    return replace(cell, expect=None, tried=None, bring=tuple(replace(each, say="") for each in cell.bring))
 
 
 def _write(again: JudgedReport) -> None:

@@ -26,7 +26,7 @@ KNOWN = shipped_signatures.load_all()
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
-ADVICE = re.compile(r"\b(?:take|ask for|build it with) (.*)")
+ADVICE = re.compile(r"\b(?:[Ii]nstall|[Bb]uild it with) (.*)")
 """The part of an expectation's reason that tells the reader what to install."""
 ENOUGH = 30
 """Expectations that advise bounds."""
