@@ -111,7 +111,7 @@ def fix(trouble: Trouble) -> str:
     parts = []
     if trouble.remedy:
         tried = proven(trouble)
-        parts.append(f"**Fix:** {prose(sentence(trouble.remedy))}{f' ({tried})' if tried else ''}")
+        parts.append(f"**Fix**{f' ({tried})' if tried else ''}: {prose(sentence(trouble.remedy))}")
     search = () if trouble.commands else _search(trouble)
     if search:
         parts.append("To apply it and prove it by a rerun:" if trouble.remedy else "To search for a fix:")
