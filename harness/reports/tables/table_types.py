@@ -132,8 +132,8 @@ class Cause:
 class Effect(StrEnum):
     """The effect of a change on a cell."""
 
-    CURES = "cures"
-    PARTLY = "cures part of it"
+    CURES = "fixes it"
+    PARTLY = "fixes part of it"
     UNCOVERS = "another failure behind it"
     NOTHING = "no difference"
     BREAKS = "breaks"

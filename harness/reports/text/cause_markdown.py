@@ -18,6 +18,13 @@ LONGEST = 100
 REFERENCES = 3
 """Links of a cause that its section shows; `simmatrix known` has all."""
 
+UNBLAMED = {
+    Verdict.WORKS: "It works, which was not expected.",
+    Verdict.UNAVAILABLE: "This machine lacks something that the combination needs.",
+    Verdict.INCONCLUSIVE: "This machine could not decide it.",
+}
+"""What a section without a known cause says of results that no package is blamed for."""
+
 INDEXED = 2
 """Causes up to which a list of them would say nothing that their headings do not say."""
 
@@ -102,8 +109,7 @@ def why(trouble: Trouble) -> str:
     """Return the cause in words: of a known issue, or what the matrix says; else that nobody knows it."""
     if trouble.known or trouble.cause:
         return prose(sentence(trouble.cause))
-    text = unknown(trouble)
-    return "No known issue fits." if text == "not known" else prose(sentence(text))
+    return UNBLAMED.get(trouble.verdicts[0][0], "No known issue fits.")
 
 
 def fix(trouble: Trouble) -> str:
@@ -137,7 +143,7 @@ def sources(trouble: Trouble) -> str:
     if not trouble.known:
         return f"See {shown}." if links else ""
     command = code(f"simmatrix known {shlex.quote(trouble.known)}")
-    return f"Known issue: {shown}; all of it by {command}." if links else f"Known issue: all of it by {command}."
+    return f"Known issue: {shown}. Details: {command}." if links else f"Known issue: {command}."
 
 
 def also(trouble: Trouble, headings: Headings, troubles: Iterable[Trouble]) -> Iterator[str]:

@@ -58,7 +58,7 @@ def test_a_cause_stands_once_with_a_command() -> None:
     assert text.lower().count("cause of gone-field") == 1
     assert text.count("```sh\npip install 'mujoco<4'\n```") == 1
     assert text.count("| [`gone-field`](#gone-field) |") == 2
-    assert "Known issue: [a/b#3](https://github.com/a/b/issues/3); all of it by `simmatrix known gone-field`." in text
+    assert "Known issue: [a/b#3](https://github.com/a/b/issues/3). Details: `simmatrix known gone-field`." in text
     assert text.index("## Environments tried") < text.index("### `gone-field`") < text.index("## Combinations")
 
 
