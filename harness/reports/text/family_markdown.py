@@ -30,7 +30,8 @@ def coverage_table(table: FamilyTable) -> str:
 def changed(tables: Sequence[FamilyTable]) -> str:
     """Say how many environments change their behaviour, of each table."""
     return " ".join(
-        f"{table.changed} of {table.tasks} environments change their behaviour over {table.measured} releases of "
+        f"{table.changed} of {table.tasks} environments {'changes its' if table.changed == 1 else 'change their'} "
+        f"behaviour over {table.measured} releases of "
         f"{table.subject}{f' ({table.where})' if len(tables) > 1 else ''}."
         for table in tables
     )

@@ -28,6 +28,9 @@ NAMED = 3
 PLOT = re.compile(r"^!\\\[(sizes of the changes, release by release)\]\((behaviour-\d+\.svg)\)$", re.MULTILINE)
 """A plot that lies beside the report, after the escaping of pictures."""
 
+RELEASE = re.compile(r"\d[\w.+]*")
+"""The name of a row that is a release."""
+
 NBSP = "\N{NO-BREAK SPACE}"
 
 
@@ -114,8 +117,8 @@ def small_table(pivot: Pivot) -> str:
 
 
 def pivot_table(pivot: Pivot) -> str:
-    """Return the small table for a page: neighbouring rows that are alike are one where there is a single column."""
-    if len(pivot.columns) > 1:
+    """Return the small table for a page: neighbouring releases that are alike are one row of a single column."""
+    if len(pivot.columns) > 1 or not all(map(RELEASE.fullmatch, pivot.rows)):
         return small_table(pivot)
     starts = [
         place

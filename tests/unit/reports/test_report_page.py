@@ -16,6 +16,7 @@ from harness.model import Phase, Role, Verdict
 from harness.model.report_types import CaseEntry, CellEntry, Document
 from harness.reports import document
 from harness.reports.tables import fix_commands, frame_rows, tables
+from harness.reports.tables.table_types import Pivot, Square
 from harness.reports.template_files import read_template
 from harness.reports.text import report_markdown
 
@@ -182,6 +183,20 @@ def test_hostile_texts_stay_text() -> None:
     assert not any(str(one.attrs["href"]).startswith("http://evil") for one in inner if one.type == "link_open")
     assert "head" not in [line.lstrip("# ") for line in text.splitlines() if line.startswith("#")]
     assert [one.type for one in inner if one.type == "image"] == []
+
+
+def test_releases_that_are_alike_are_one_row() -> None:
+    """In a table of one column; not if the rows are names, which have no order."""
+    works = Square(machine="m", verdict=Verdict.WORKS, passed=1, tried=1)
+    broken = Square(machine="m", verdict=Verdict.BROKEN, passed=0, tried=1)
+
+    def rows(*names: str) -> list[str]:
+        squares = tuple(((broken if place == 2 else works,),) for place in range(len(names)))
+        pivot = Pivot(down="a", across="b", rows=names, columns=("1",), squares=squares)
+        return [line.split(" | ")[0].removeprefix("| ") for line in report_markdown.pivot_table(pivot).splitlines()[2:]]
+
+    assert rows("1.0", "1.1", "1.2", "1.3rc1") == ["1.0 to 1.1 (2)", "1.2", "1.3rc1"]
+    assert rows("unset", "egl", "cuda-0", "glfw") == ["unset", "egl", "cuda-0", "glfw"]
 
 
 @pytest.mark.parametrize("path", REPORTS, ids=lambda path: path.parent.name)
