@@ -20,7 +20,7 @@ from harness.machine import store, this_machine
 from harness.matrix import plan
 from harness.model import Cell, CellRecord, Outcome, Phase
 from harness.reports.publishing import headline
-from harness.reports.text import report_markdown
+from harness.reports.text.markdown_texts import code_cell
 from harness.reports.text.progress import Progress
 from harness.running import scheduler
 
@@ -158,7 +158,7 @@ def render(compared: Sequence[Comparison], command: str) -> str:
 
 
 def _cell(text: str) -> str:
-    return report_markdown.table_cell(text[:160])
+    return code_cell(text[:160])
 
 
 def main(arguments: Sequence[str]) -> int:

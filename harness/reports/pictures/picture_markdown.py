@@ -15,8 +15,8 @@ NAMED = 12
 """Environments that a sentence names at most."""
 
 SUBJECTS = {
-    "states": "Some states of each bank were drawn by every release, with the environment's own camera",
-    "start": "The pictures after a reset with one seed are compared, where the first observation is the same",
+    "states": "Every release drew some states of each bank with the environment's own camera",
+    "start": "Every release drew the image after a reset with one seed; compared where the first observation is equal",
 }
 
 
@@ -29,7 +29,7 @@ def picture_table(entry: PicturesEntry) -> str:
         entry.releases[start] if end == start + 1 else f"{entry.releases[start]} to {entry.releases[end - 1]}"
         for start, end in ranges
     ]
-    head = [f"pictures / {entry.axis}", *names]
+    head = [f"images / {entry.axis}", *names]
     rows = [[env, *(letters[start] for start, _ in ranges)] for env, letters in sorted(entry.letters.items())]
     lines = [head, ["---", *(":-:" for _ in ranges)], *rows]
     return "".join(f"| {' | '.join(table_cell(cell) for cell in line)} |\n" for line in lines)
@@ -39,16 +39,16 @@ def picture_legend(entry: PicturesEntry) -> str:
     """Explain the letters."""
     marks = {letter[-1] for letters in entry.letters.values() for letter in letters}
     endings = {
-        "'": "A prime: not equal to the bit, and nobody sees it.",
-        "?": "`?`: it cannot be compared, because it starts or draws otherwise each time.",
+        "'": "A prime: some pixels differ, but the eye does not see it.",
+        "?": "`?`: not comparable, because the environment starts or draws differently each time.",
         "-": "`-`: not drawn.",
     }
     if entry.method == "start":
-        endings["?"] = "`?`: it cannot be compared, because the first observation differs."
+        endings["?"] = "`?`: not comparable, because the first observation differs."
     return " ".join(
         [
-            f"{SUBJECTS[entry.method]}. The same small letter in a row: it looks the same. Another letter: it looks "
-            f"different (colours of fields differ by more than {JUST_NOTICEABLE} in CIELAB).",
+            f"{SUBJECTS[entry.method]}. The same small letter in a row means the same look; another letter means a "
+            f"visible difference (colours differ by more than {JUST_NOTICEABLE} in CIELAB).",
             *(text for mark, text in endings.items() if mark in marks),
         ]
     )
@@ -77,22 +77,22 @@ def _sentences(entry: PicturesEntry, boundary: PictureBoundaryEntry) -> Iterator
         count = f"{len(differences)} of {boundary.tasks} tasks"
         names = "" if len(differences) == boundary.tasks else f" ({_names(differences)})"
         text = _difference(count, first, differences)
-        unseparated = f"; not separated from {others}" if others else ""
+        unseparated = f"; other packages differ, too: {others}" if others else ""
         yield f"{entry.axis} {boundary.before} to {boundary.after}: {text}{names}{unseparated}."
 
 
 def _difference(count: str, first: PictureDifferenceEntry, differences: Iterable[PictureDifferenceEntry]) -> str:
     making = describe_making(first.moved, first.compared)
     if first.kind == Look.IMPERCEPTIBLE:
-        return f"{count} differ in pixels, and nobody sees it; {making}"
+        return f"{count} differ in pixels, but not visibly; {making}"
     if first.kind == Look.OTHER_SIZE:
         return f"{count} are drawn in another size"
     if first.kind == Look.NONDETERMINISTIC:
-        return f"{count} do not draw the same state twice alike"
+        return f"{count} draw the same state differently each time"
     shares = [one.share for one in differences]
     low, high = percent(min(shares)), percent(max(shares))
     span = low if low == high else f"{low} to {high}"
-    return f"{count} look different in {span} of the picture; {making}"
+    return f"{count} look different in {span} of the image; {making}"
 
 
 def _names(differences: Sequence[PictureDifferenceEntry]) -> str:

@@ -13,7 +13,7 @@ from packaging.version import InvalidVersion, Version
 from harness.judging.known_failures import select_counting
 from harness.model.report_types import REPAIR, SEVERITY, CellEntry, format_count
 from harness.model.vocabulary import CHANGING, parsed_requirement
-from harness.reports.tables import change_effects, verdict_reasons
+from harness.reports.tables import change_effects, fix_commands, verdict_reasons
 from harness.reports.tables.table_types import Cause, Explanation, Trouble
 
 NAMED = 2
@@ -87,7 +87,18 @@ def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequen
         neighbour=alone,
         together=together,
         also=tuple(_also(explanations)),
+        commands=_commands(cures[0] if found_out else None, group, failure),
+        example=group[0].id,
     )
+
+
+def _commands(cure: CellEntry | None, group: Iterable[CellEntry], failure: Cause | None) -> tuple[str, ...]:
+    """Return the commands of the fix that `run --repair` found, else of the known issue's."""
+    if cure and cure.change:
+        return fix_commands.commands(cure.change.change)
+    counting = (select_counting(cell) for cell in group)
+    fix = next((one[0].remedy for one in counting if failure and one and one[0].signature == failure.signature), {})
+    return fix_commands.commands(fix)
 
 
 def _cures(group: Iterable[CellEntry], cells: Iterable[CellEntry]) -> list[CellEntry]:
@@ -165,25 +176,36 @@ def name_cells(group: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Seq
 
 
 def place_cells(group: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> str:
-    """Describe these cells of a matrix: `all 12 cells with mujoco 4.0.0`; of changed cells the first names."""
+    """Describe these cells of a matrix: `all 12 combinations with mujoco 4.0.0`; of changed cells the first names."""
     labels = tuple(dict.fromkeys(cell.label for cell in group))
     if any(cell.base for cell in group):
-        return f"{_named(labels[:NAMED])} and {format_count(len(labels) - NAMED, 'more cell')}"
-    planned = [*{cell.id: cell.axes for cell in cells if cell.base is None}.values()]
-    held = {axis: {cell.axes.get(axis) for cell in group} for axis in axes}
-    every = {axis: in_order(value for one in planned if (value := one.get(axis))) for axis in axes}
-    needed_axes = _telling([axis for axis in axes if held[axis] < {*every[axis]}], held, planned)
-    words = [
+        return f"{_named(labels[:NAMED])} and {format_count(len(labels) - NAMED, 'more combination')}"
+    planned, held, needed_axes = _needed(group, cells, axes)
+    words = telling_values(group, cells, axes)
+    inside = len(_inside(needed_axes, held, planned))
+    whole = "the only combination" if inside == 1 else f"all {format_count(inside, 'combination')}"
+    count = whole if inside == len(labels) else f"{len(labels)} of {format_count(inside, 'combination')}"
+    return count + (f" with {', '.join(words)}" if words else "")
+
+
+def telling_values(group: Sequence[CellEntry], cells: Sequence[CellEntry], axes: Sequence[str]) -> list[str]:
+    """Return the axis values by which these cells are told from all others: `["mujoco 3.0.1 to 4.0.0"]`."""
+    planned, held, needed_axes = _needed(group, cells, axes)
+    every = {axis: in_order(value for one in planned if (value := one.get(axis))) for axis in needed_axes}
+    return [
         f"{axis} {_values([value for value in every[axis] if value in held[axis]], every[axis])}"
         for axis in needed_axes
     ]
-    inside = len(_inside(needed_axes, held, planned))
-    count = (
-        f"all {format_count(inside, 'cell')}"
-        if inside == len(labels)
-        else f"{len(labels)} of {format_count(inside, 'cell')}"
-    )
-    return count + (f" with {', '.join(words)}" if words else "")
+
+
+def _needed(
+    group: Iterable[CellEntry], cells: Iterable[CellEntry], axes: Sequence[str]
+) -> tuple[list[Mapping[str, str]], Held, list[str]]:
+    """Return the axis values of all cells, those of the group by axis, and the axes that tell the two apart."""
+    planned: list[Mapping[str, str]] = [*{cell.id: cell.axes for cell in cells if cell.base is None}.values()]
+    held = {axis: {cell.axes.get(axis) for cell in group} for axis in axes}
+    differing = [axis for axis in axes if held[axis] < {one[axis] for one in planned if one.get(axis)}]
+    return planned, held, _telling(differing, held, planned)
 
 
 def _telling(axes: Sequence[str], held: Held, planned: Sequence[Mapping[str, str]]) -> list[str]:

@@ -132,8 +132,8 @@ class Cause:
 class Effect(StrEnum):
     """The effect of a change on a cell."""
 
-    CURES = "cures"
-    PARTLY = "cures part of it"
+    CURES = "fixes it"
+    PARTLY = "fixes part of it"
     UNCOVERS = "another failure behind it"
     NOTHING = "no difference"
     BREAKS = "breaks"
@@ -179,7 +179,8 @@ class Trouble:
     it, if anything. `proofs` are changed cells that work, by which the remedy is proven for `proven` of the cells;
     `neighbour` is a cell that works and differs from one of these only in what the remedy changes, `together` one that
     differs in more.
-    `also` are known failures that fit some of the cells, too, after the deepest one.
+    `also` are known failures that fit some of the cells, too, after the deepest one. `commands` apply the fix, if
+    commands do; `example` is the id of one of the cells.
     """
 
     known: str
@@ -198,6 +199,34 @@ class Trouble:
     neighbour: str = ""
     together: str = ""
     also: tuple[Cause, ...] = ()
+    commands: tuple[str, ...] = ()
+    example: str = ""
+
+
+EVERY = "every combination"
+"""The words for a picture that all combinations share."""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Frame:
+    """A picture of a task, and in words the combinations that look so.
+
+    `misleads` are the checks by which it contradicts what it should show, `issue` is the known issue behind that.
+    """
+
+    path: str
+    where: str
+    misleads: str = ""
+    issue: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FrameRow:
+    """The distinct first pictures of a task, those of older releases first."""
+
+    task: str
+    env: str
+    frames: tuple[Frame, ...]
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -267,6 +296,7 @@ class Sheet:
     pictures: tuple[PicturesEntry, ...] = ()
     consequences: tuple[tuple[str, str], ...] = ()
     left_out: int = 0
+    frames: tuple[FrameRow, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -11,7 +11,7 @@ from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.model.report_types import SEVERITY, UNTOLD, CaseEntry, CellEntry, Document, MatrixEntry, RepairEntry
 from harness.model.vocabulary import settings as settings  # noqa: PLC0414 - others take it from here
-from harness.reports.tables import cause_groups, family_tables, squares, suite_tables, verdict_reasons
+from harness.reports.tables import cause_groups, family_tables, frame_rows, squares, suite_tables, verdict_reasons
 from harness.reports.tables.squares import NOTHING
 from harness.reports.tables.table_types import Remark, Report, Row, Sheet, Task
 from harness.reports.text import platforms
@@ -20,7 +20,8 @@ TITLE = "what works together"
 """The heading of a matrix that names none."""
 
 KINDS = {
-    "deprecations": (".deprecation",),
+    "deprecation": (".deprecation",),
+    "packaging": ("install.", "import.written", ".compiled"),
     "reproducibility": (".repeat", "behave."),
     "API conformance": ("single.", "vector.", "interop."),
     "rendering": ("render.",),
@@ -28,7 +29,7 @@ KINDS = {
 }
 """Sorts of findings, and what the names of their checks contain; the first that fits holds."""
 
-ORDER = ("reproducibility", "API conformance", "rendering", "deprecations", "other")
+ORDER = ("reproducibility", "API conformance", "rendering", "packaging", "deprecation", "other")
 """The sorts as a report lists them."""
 
 
@@ -102,6 +103,7 @@ def _sheet(document: Document, name: str, matrix: MatrixEntry, pivot: tuple[str,
         pictures=tuple(one for one in document.pictures or () if one.matrix == name),
         consequences=family_tables.consequence_lines(one for one in document.consequences or () if one.matrix == name),
         drawing=_grouped((text, about, cell.id) for cell in cells for about, text in _drawing(cell)),
+        frames=frame_rows.frame_rows(cells, matrix.axes),
         repairs=_grouped((_repaired(one), str(one.link), cell.id) for cell in cells for one in cell.repairs),
     )
 

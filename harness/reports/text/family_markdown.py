@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from harness.physics.sentences import percent
 from harness.reports.tables.family_tables import EXERCISED, FamilyTable
 from harness.reports.text.markdown_texts import table_cell
@@ -25,11 +27,22 @@ def coverage_table(table: FamilyTable) -> str:
     return "".join(f"| {' | '.join(table_cell(cell) for cell in line)} |\n" for line in lines)
 
 
+def changed(tables: Sequence[FamilyTable]) -> str:
+    """Say how many environments change their behaviour, of each table."""
+    return " ".join(
+        f"{table.changed} of {table.tasks} environments {'changes its' if table.changed == 1 else 'change their'} "
+        f"behaviour over {table.measured} releases of "
+        f"{table.subject}{f' ({table.where})' if len(tables) > 1 else ''}."
+        for table in tables
+    )
+
+
 def family_legend(table: FamilyTable) -> str:
     """Explain the letters, and say how many environments change."""
-    open_ends = " `?`: it cannot be decided." if any("?" in letter for _, row in table.rows for letter in row) else ""
+    open_ends = " `?`: undecided." if any("?" in letter for _, row in table.rows for letter in row) else ""
     return (
-        f"Every release of {table.subject} was stepped from the same states. The same letter in a row: the environment "
-        f"moves, observes, rewards and ends alike, up to rounding. Another letter: it does not.{open_ends} "
-        f"{table.changed} of {table.tasks} environments change somewhere in these {table.measured} releases."
+        f"Every release of {table.subject} was stepped from the same states. The same letter in a row means the same "
+        "motion, observations, rewards and ends, up to rounding; another letter means a difference."
+        f"{open_ends} {table.changed} of {table.tasks} environments change somewhere in these {table.measured} "
+        "releases."
     )

@@ -6,6 +6,9 @@ import re
 from collections.abc import Callable
 
 TAG = re.compile(r"<(?=[A-Za-z/!?])(?!https?://)")
+WHOLE_TAG = re.compile(r"(?<![\\`])<(?=[A-Za-z/!?])(?!https?://)[^<>`\n]{1,200}>(?!`)")
+"""What looks like a whole tag, such as `<class 'str'>`: it can be shown as code, which needs no entity."""
+
 CODE = re.compile(r"(?<!`)(`+)(?!`)(.+?)(?<!`)\1(?!`)", re.DOTALL)
 """A code span as CommonMark knows it: closed by a run of backticks as long as the one that opens it."""
 
@@ -21,12 +24,17 @@ ODD = re.compile(r"(?<!\\)(?:\\\\)*\\$")
 
 def table_cell(text: str) -> str:
     """Return text that stays in one cell of a table; code between backticks is shown as it is."""
-    return _escaped(" ".join(text.split()), _prose_in_table, lambda code: code.replace("|", "\\|"))
+    return _escaped(_tags_as_code(" ".join(text.split())), _prose_in_table, _code_in_table)
+
+
+def code_cell(text: str) -> str:
+    """Return text as a code span that stays in one cell of a table; nothing of an empty text."""
+    return _code_in_table(code(" ".join(text.split()))) if text.strip() else ""
 
 
 def prose(text: str) -> str:
     """Return one line of text in which nothing outside code begins an HTML tag, a link or a picture."""
-    return _escaped(re.sub(r"\s*\n\s*", " ", text), _prose, str)
+    return _escaped(_tags_as_code(re.sub(r"\s*\n\s*", " ", text)), _prose, str)
 
 
 def code(text: str) -> str:
@@ -56,6 +64,30 @@ def file_link(name: str, path: str) -> str:
 
 def _longest(text: str) -> int:
     return max(map(len, BACKTICKS.findall(text)), default=0)
+
+
+def _tags_as_code(text: str) -> str:
+    """Put what looks like a tag between backticks; not where a backtick is left over that could pair with these."""
+    outside = CODE.sub("", text)
+    return text if "`" in outside else _outside_code(text, lambda prose: WHOLE_TAG.sub(r"`\g<0>`", prose))
+
+
+def _outside_code(text: str, change: Callable[[str], str]) -> str:
+    """Change the prose between the code spans; prose that touches one keeps a tag there as it is."""
+    pieces, at = [], 0
+    for match in CODE.finditer(text):
+        pieces += [_inner(text[at : match.start()], change, left=at > 0, right=True), match[0]]
+        at = match.end()
+    return "".join([*pieces, _inner(text[at:], change, left=at > 0, right=False)])
+
+
+def _inner(prose: str, change: Callable[[str], str], *, left: bool, right: bool) -> str:
+    touches = (left and prose.startswith("<")) or (right and prose.endswith(">"))
+    return prose if touches else change(prose)
+
+
+def _code_in_table(span: str) -> str:
+    return span.replace("|", "\\|")
 
 
 def _prose(text: str) -> str:

@@ -4,83 +4,101 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import groupby
+from dataclasses import replace
+from itertools import groupby, pairwise
 from typing import Any
 
-from harness.model import Role, Verdict
-from harness.model.report_types import SYMBOLS, UNTOLD, first_few, format_count, word
+from harness.model.report_types import SYMBOLS, first_few, format_count, word
 from harness.reports.pictures import picture_markdown
-from harness.reports.tables.table_types import Attempt, Pivot, Remark, Report, Row, Sheet, Square, Task, Trouble
+from harness.reports.tables.table_types import Attempt, Pivot, Remark, Report, Sheet, Square
 from harness.reports.template_files import fill
-from harness.reports.text import family_markdown
-from harness.reports.text.markdown_texts import ADDRESS, address, code, file_link, prose, table_cell
+from harness.reports.text import cause_markdown, combination_markdown, family_markdown, frame_markdown, task_markdown
+from harness.reports.text.cause_markdown import describe_results as describe_results  # noqa: PLC0414 - also from here
+from harness.reports.text.cause_markdown import first_sentence as first_sentence  # noqa: PLC0414
+from harness.reports.text.cause_markdown import proven as proven  # noqa: PLC0414
+from harness.reports.text.cause_markdown import unknown as unknown  # noqa: PLC0414
+from harness.reports.text.markdown_texts import address, code, code_cell, file_link, prose, table_cell
 from harness.standalone.control_characters import strip_controls
 
 TEMPLATE = "report.md.j2"
 
-LONGEST_WHY = 200
-"""Characters of a decisive line that a row shows; the section on its cause has all of it."""
-
-NAMED, LISTED = 3, 6
-"""Combinations that are named where there are more than a few, and how many are a few."""
+NAMED = 3
+"""Combinations left out, or tests, that are named where there are more."""
 
 PLOT = re.compile(r"^!\\\[(sizes of the changes, release by release)\]\((behaviour-\d+\.svg)\)$", re.MULTILINE)
 """A plot that lies beside the report, after the escaping of pictures."""
+
+RELEASE = re.compile(r"\d[\w.+]*")
+"""The name of a row that is a release."""
 
 NBSP = "\N{NO-BREAK SPACE}"
 
 
 def markdown(report: Report, template: str) -> str:
     """Fill the template (the text of `templates/report.md.j2`) and return the page."""
-    page = strip_controls(fill(template, filters(), report=report))
+    pictures = frame_markdown.Pictures()
+    named = {**filters(), **_page_filters(report, pictures)}
+    page = strip_controls(fill(template, named, report=report))
     page = page.replace("![", "!\\[")  # it shows no picture, wherever one came from
-    return PLOT.sub(r"![\1](\2)", page)  # but for our own plots
+    return pictures.put_in(PLOT.sub(r"![\1](\2)", page))  # but for our own plots and frames
+
+
+def _page_filters(report: Report, pictures: frame_markdown.Pictures) -> dict[str, Callable[..., Any]]:
+    """Return the filters that need the whole page: its headings, and its pictures."""
+    headings = cause_markdown.find_headings(report)
+    return {
+        "cause_heading": headings.title,
+        "cause_index": lambda sheet: cause_markdown.cause_index(sheet.troubles, headings),
+        "cause_also": lambda trouble, sheet: list(cause_markdown.also(trouble, headings, sheet.troubles)),
+        "combination_tables": lambda sheet: combination_markdown.combination_tables(sheet, headings),
+        "frame_tables": lambda rows: frame_markdown.frame_tables(rows, pictures.place),
+    }
 
 
 def filters() -> dict[str, Callable[..., Any]]:
     """Return the filters that templates apply to the values of a report."""
     return {
-        "became": describe_results,
         "by_cell": by_cell,
+        "cause_details": cause_markdown.details,
+        "cause_fix": cause_markdown.fix,
+        "cause_summary": cause_markdown.summary,
+        "cause_unexpected": cause_markdown.unexpected,
+        "cause_sources": cause_markdown.sources,
+        "cause_where": cause_markdown.where,
+        "cause_why": cause_markdown.why,
         "by_kind": _by_kind,
-        "cause": _cause,
         "cell": table_cell,
-        "codes": _codes,
+        "changed": family_markdown.changed,
+        "code_cell": lambda text: code_cell(combination_markdown.short(text)),
         "count_kinds": _count_kinds,
         "counts": _counts,
         "coverage": coverage,
-        "files": _files,
         "family_legend": family_markdown.family_legend,
         "coverage_table": family_markdown.coverage_table,
         "family_table": family_markdown.family_table,
-        "few": _few,
         "first_sentence": first_sentence,
         "left_out": _left_out,
         "legend": legend,
         "named": lambda verdict: f"{SYMBOLS[verdict]} {word(verdict)}",
         "number": format_count,
-        "outcome": _outcome,
         "picture_legend": picture_markdown.picture_legend,
         "picture_sentences": picture_markdown.picture_sentences,
         "picture_table": picture_markdown.picture_table,
         "picture_title": picture_markdown.picture_title,
-        "proven": proven,
-        "reference": _reference,
         "result": result,
-        "rule": lambda columns, mark: " | ".join(mark for _ in columns),
-        "table": small_table,
-        "task": _task,
+        "task_table": task_markdown.task_table,
+        "pivot_table": pivot_table,
+        "seen_in": lambda labels, cells: (
+            cause_markdown.few(labels) if len(labels) < cells else f"all {format_count(cells, 'combination')}"
+        ),
+        "sentence": cause_markdown.sentence,
         "tests": _tests,
         "text": prose,
         "code": code,
         "file": lambda path: file_link(path, path),
         "address": address,
         "line": lambda text: " ".join(text.split("\n")),
-        "unknown": unknown,
         "results": results,
-        "seen_in": lambda labels, cells: _few(labels) if len(labels) < cells else f"all {format_count(cells, 'cell')}",
-        "sentence": lambda text: f"{text[:1].upper()}{text[1:].rstrip('.')}.",
-        "short": _short,
     }
 
 
@@ -96,6 +114,26 @@ def small_table(pivot: Pivot) -> str:
     ]
     lines = [head, ["---", *(":-:" for _ in pivot.columns)], *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def pivot_table(pivot: Pivot) -> str:
+    """Return the small table for a page: neighbouring releases that are alike are one row of a single column."""
+    if len(pivot.columns) > 1 or not all(map(RELEASE.fullmatch, pivot.rows)):
+        return small_table(pivot)
+    starts = [
+        place
+        for place, squares in enumerate(pivot.squares)
+        if not place or _squares(pivot, squares) != _squares(pivot, pivot.squares[place - 1])
+    ]
+    names = [
+        pivot.rows[start] if end == start + 1 else f"{pivot.rows[start]} to {pivot.rows[end - 1]} ({end - start})"
+        for start, end in pairwise([*starts, len(pivot.rows)])
+    ]
+    return small_table(replace(pivot, rows=tuple(names), squares=tuple(pivot.squares[start] for start in starts)))
+
+
+def _squares(pivot: Pivot, squares: Iterable[Sequence[Square]]) -> list[str]:
+    return [_square(pivot, square) for square in squares]
 
 
 def _square(pivot: Pivot, square: Sequence[Square]) -> str:
@@ -155,7 +193,7 @@ def _legend(pivot: Pivot) -> Iterator[str]:
     if any(one.patched for one in parts):
         yield "†: with patched metadata; the release as published cannot be installed."
     if any(one.doubted for one in parts):
-        yield "✔?: raises nothing, but a known silent defect was not excluded."
+        yield "✔?: raises no error, but a known silent defect was not excluded."
     if len(machines) > 1:
         yield f"Machines: {', '.join(f'{place} {name}' for place, name in enumerate(machines, 1))}."
 
@@ -188,13 +226,16 @@ def result(sheet: Sheet) -> str:
     else:
         expected = " Every result is as expected." if any(row.as_expected for row in sheet.rows) else ""
     verb = "works" if sheet.works == 1 else "work"
-    open_ = f" {sheet.doubted} more raise nothing, but a known silent defect was not excluded." * bool(sheet.doubted)
+    raises = "raises" if sheet.doubted == 1 else "raise"
+    open_ = f" {sheet.doubted} more {raises} no error, but a known silent defect was not excluded." * bool(
+        sheet.doubted
+    )
     return f"{sheet.works} of {format_count(sheet.main, 'combination')} {verb}.{open_}{expected}"
 
 
 def results(sheet: Sheet) -> str:
-    """Return `6 cells`, or `6 cells, 11 results on 2 machines`."""
-    cells, machines = format_count(sheet.cells, "cell"), len(sheet.machines)
+    """Return `6 combinations`, or `6 combinations, 11 results on 2 machines`."""
+    cells, machines = format_count(sheet.cells, "combination"), len(sheet.machines)
     return (
         cells
         if machines == 1
@@ -208,71 +249,6 @@ def _counts(sheet: Sheet) -> str:
     roles = " and ".join(format_count(count, role) for role, count in sheet.roles)
     among = f" ({roles} among them)" if roles else ""
     return counts + among + (f"; {format_count(sheet.left_out, 'combination')} left out." if sheet.left_out else ".")
-
-
-def describe_results(trouble: Trouble) -> str:
-    """Return the results of the cells of a cause: `◐ 2 partial, ✘ broken in single`."""
-    several = len(trouble.verdicts) > 1
-    verdicts = ", ".join(
-        f"{SYMBOLS[each]} {f'{count} ' if several else ''}{word(each)}" for each, count in trouble.verdicts
-    )
-    return verdicts + (f" in {', '.join(trouble.phases)}" if trouble.phases else "")
-
-
-def _outcome(row: Row) -> str:
-    """Return `◐ partial in render, repair (not expected)`."""
-    phase = f" in {row.phase}" if row.phase else ""
-    patched = ", patched" if row.repaired else ""
-    role = f", {row.role}" if row.role is not Role.MAIN else ""
-    unexpected = " (not expected)" if row.as_expected is False else ""
-    return f"{SYMBOLS[row.verdict]} {word(row.verdict)}{phase}{patched}{role}{unexpected}"
-
-
-def _cause(row: Row) -> str:
-    """Return the known cause of a cell, linked to its details, and whether its fix is proven there."""
-    if not row.known:
-        return ""
-    link = f"[`{row.known}`](#{row.known})" if re.fullmatch(r"[\w.-]+", row.known) else code(row.known)
-    return f"{link}{', fix proven' if row.proven else ''}"
-
-
-def unknown(trouble: Trouble) -> str:
-    """Return the words for a cause where no known failure fits."""
-    verdict = trouble.verdicts[0][0]
-    return "it works" if verdict is Verdict.WORKS else word(verdict) if verdict in UNTOLD else "not known"
-
-
-def first_sentence(text: str) -> str:
-    """Return the text up to the first full stop that ends a sentence."""
-    match = re.match(r".*?[^.][.](?= [A-Z`(]|$)", text)
-    return (match[0] if match else text).removesuffix(".")
-
-
-def proven(trouble: Trouble) -> str:
-    """Say which cell proves a fix, and for how many cells if not for all; or that nobody tried it."""
-    if trouble.proofs:
-        return f"proven by {code(trouble.proofs[0][0])}" + (
-            f", for {trouble.proven} of {trouble.cells}" if trouble.proven < trouble.cells else ""
-        )
-    if trouble.neighbour:
-        return f"proven by a neighbour: {code(trouble.neighbour)} works and differs only in this"
-    if trouble.together:
-        return f"not tried alone; {code(trouble.together)} works with this and more"
-    return "not tried" if trouble.applicable else ""
-
-
-def _reference(link: str) -> str:
-    """Return a link with a text as short as it can be: `owner/name#12`, else its host."""
-    match = re.match(r"https?://(?:www\.)?([^/]+)(?:/([^/]+/[^/]+)/(?:issues|pull|discussions)/(\d+))?", link)
-    text = (f"{match[2]}#{match[3]}" if match[3] else match[1]) if match else link
-    return f"[{text}]({link})" if ADDRESS.fullmatch(link) else code(link)
-
-
-def _task(task: Task) -> str:
-    """Return the name of a task, with its environment if that has another name."""
-    if not task.env:
-        return f"import of {code(task.name)}"
-    return code(task.name) if task.env == task.name else f"{code(task.name)} ({code(task.env)})"
 
 
 def by_cell(attempts: Iterable[Attempt]) -> list[list[Attempt]]:
@@ -299,14 +275,8 @@ def _left_out(gone: Remark) -> str:
     """Return `3 combinations`, or the names if there are only a few."""
     # The counts differ where a pattern stands for many combinations, and then no list of names is complete.
     if gone.count == len(gone.cells) <= NAMED:
-        return _codes(gone.cells)
+        return cause_markdown.codes(gone.cells)
     return format_count(gone.count, "combination")
-
-
-def _files(row: Row) -> str:
-    """Return links to the lock of a cell and to a picture of each task."""
-    links = [("lock", row.lock)] if row.lock else []
-    return ", ".join(file_link(name, path) for name, path in [*links, *row.frames])
 
 
 def _tests(names: Sequence[str]) -> str:
@@ -315,19 +285,3 @@ def _tests(names: Sequence[str]) -> str:
 
 
 # --- Markdown --------------------------------------------------------------------------------------------------
-
-
-def _codes(labels: Iterable[str]) -> str:
-    return ", ".join(" on ".join(map(code, label.split(" on "))) for label in labels)
-
-
-def _few(labels: Sequence[str]) -> str:
-    """Return a few names as code; of more than `LISTED` names, the first ones and the number of the others."""
-    if len(labels) <= LISTED:
-        return _codes(labels)
-    return f"{_codes(labels[:NAMED])} and {len(labels) - NAMED} more"
-
-
-def _short(text: str) -> str:
-    line = " ".join(text.split())
-    return line if len(line) <= LONGEST_WHY else f"{line[: LONGEST_WHY - 1].rstrip()}…"

@@ -133,18 +133,19 @@ def test_page_and_terminal_say_what_each_change_did(changed: DeskRun) -> None:
     before, base = f"partial in vector: {XML}", f"`{cells(changed.desk)['red']['id'].partition('/')[2]}`"
     for row in (
         f"### {base}\n\n    {before}\n",
-        "| **cures** | cure: install `fake-layers>=3` | it is the remedy | works |",
+        "| **fixes it** | cure: install `fake-layers>=3` | it is the remedy | `works` |",
         "| **another failure behind it** | half: install `fake-layers==2.0` | the next release "
-        f"| partial in render: {BLANK} |",
-        f"| **no difference** | advice: set `LAYERS=please` | advice: a forum says so | {before} |",
+        f"| `partial in render: {BLANK}` |",
+        f"| **no difference** | advice: set `LAYERS=please` | advice: a forum says so | `{before}` |",
     ):
         assert row in page
-    assert "the model gives its outermost default class a name <https://example.org/issues/1>" in page
+    assert "\nThe model gives its outermost default class a name.\n" in page
+    assert "\nKnown issue: [example.org](https://example.org/issues/1). " in page
     assert f"- Proven: {base[:-1]}_with-cure` works, with the lock [locks/" in page
     out = changed.ran.out
     assert "default-renamed: the model gives its outermost default class a name" in out
     assert f"fix: install fake-layers>=3 (proven by {base[1:-1]}_with-cure)" in out
-    assert "cures: cure: install `fake-layers>=3` " in out
+    assert "fixes it: cure: install `fake-layers>=3` " in out
 
 
 def test_show_says_whether_the_remedy_is_proven(measured_folder: Desk) -> None:

@@ -44,7 +44,7 @@ def test_a_report_names_the_part_of_a_picture_that_moved_and_comes_back_from_its
         "3.0": ("changed", ["colours"]),
     }
     page = (banked.folder / "out" / "report.md").read_text(encoding="utf-8")
-    assert "| pictures / fake-lamp | 1.0 | 1.1 | 2.0 | 2.1 | 2.2 | 3.0 |\n" in page
+    assert "| images / fake-lamp | 1.0 | 1.1 | 2.0 | 2.1 | 2.2 | 3.0 |\n" in page
     assert "- fake-lamp 1.1 to 2.0: 1 of 1 tasks look different in " in page
     before = {path.name: path.read_bytes() for path in Path(banked.folder / "out").glob("report.*")}
     for path in Path(banked.folder / "out").glob("report.*"):

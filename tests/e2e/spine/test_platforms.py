@@ -87,7 +87,7 @@ def test_slurm(desk: Desk, tmp_path: Path) -> None:
     log = (tmp_path / "job.log").read_text() if (tmp_path / "job.log").exists() else ""
     assert submitted.returncode == 0, submitted.stdout + submitted.stderr + log
     assert submitted.stdout.splitlines()[-1] == (
-        f"array job 77 of 2 shards; then the report: {tmp_path}/simmatrix-small/runs/77/merged/report.md"
+        f"array job 77 of 2 shards; the report will be {tmp_path}/simmatrix-small/runs/77/merged/report.md"
     )
     assert (tmp_path / "codes").read_text().split() == ["0", "0", "1"], log
     merged = tmp_path / "simmatrix-small" / "runs" / "77" / "merged"
@@ -114,7 +114,7 @@ def test_slurm_without_all_that_is_needed(desk: Desk, tmp_path: Path) -> None:
 
     assert (ran.returncode, (tmp_path / "sbatch.log").exists()) == (3, False), ran.stdout + ran.stderr
     assert ran.stderr.splitlines()[-1] == (
-        "nothing was submitted: not all was fetched; once more goes on from there, INCOMPLETE=1 does without"
+        "nothing was submitted, because some files are missing; run it again to continue, or set INCOMPLETE=1"
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -233,7 +234,9 @@ def test_report_shows_repaired_cells(repaired: DeskRun) -> None:
     assert cells["single_with-repair"]["change"]["does"] == ["keep to `toolbox<2`"]
     assert cells["single_with-repair"]["base"] == cells["single"]["id"]
     page = (repaired.desk.state / "reports" / "market" / "report.md").read_text(encoding="utf-8")
-    assert "- Fix: keep to `toolbox<2` (proven by `" in page
+    assert re.search(
+        r"\*\*Fix\*\* \(proven by `.*_with-repair`\): Keep to `toolbox<2`\.\n\n```sh\npip install 'toolbox<2'\n", page
+    )
     assert "hopeless_with-repair" not in cells
     assert "fine_with-repair" not in cells
 

@@ -432,16 +432,17 @@ def test_the_page_shows_before_after_and_proof() -> None:
     page = publishing.page(tables.report(whole))
     line = f"partial in render: {SOLVER}"
     assert f"\n### `py3.11_gymnasium-1.2.3`\n\n    {line}\n\n| effect |" in page
-    assert "| **cures** | cure: install `mujoco<3` | why | works |" in page
-    assert f"| **no difference** | other: install `mujoco<2` | why | {line} |" in page
+    assert "| **fixes it** | cure: install `mujoco<3` | why | `works` |" in page
+    assert f"| **no difference** | other: install `mujoco<2` | why | `{line}` |" in page
     cells = "`py3.11_gymnasium-1.2.3`, `py3.11_gymnasium-1.2.3_with-other`"
+    assert f"### `solver`\n\n**{cells}: ◐ partial in render.**\n\nBecause.\n\n    {SOLVER}\n\n" in page
     assert (
-        f"### `solver`\n\n{cells}: ◐ partial in render. because\n\n"
-        "- Fix: install `mujoco<3` (proven by `py3.11_gymnasium-1.2.3_with-cure`, for 1 of 2)\n"
+        "**Fix** (proven by `py3.11_gymnasium-1.2.3_with-cure`, for 1 of 2): Install `mujoco<3`.\n\n"
+        "```sh\npip install 'mujoco<3'\n```\n\n"
         "- Proven: `py3.11_gymnasium-1.2.3_with-cure` works, with the lock [locks/1.txt](locks/1.txt)\n"
-        "- Also fits some of them: `words`: "
     ) in page
-    assert "Fix: nobody can do this\n" in page
+    assert "\n- `words` fits some of them, too: " in page
+    assert "Fix: Nobody can do this." in page
 
 
 def test_changed_cells_are_not_in_the_small_table() -> None:

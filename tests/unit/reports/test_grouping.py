@@ -53,17 +53,20 @@ def single_cause(cells: list[CellEntry]) -> Trouble:
 @pytest.mark.parametrize(
     ("found", "words"),
     [
-        ([(python, "4.0.0") for python in PYTHONS], "all 3 cells with mujoco 4.0.0"),
-        ([("3.9", mujoco) for mujoco in MUJOCOS], "all 4 cells with python 3.9"),
-        ([(python, mujoco) for python in PYTHONS for mujoco in MUJOCOS[1:]], "all 9 cells with mujoco 3.1.6 to 4.0.0"),
+        ([(python, "4.0.0") for python in PYTHONS], "all 3 combinations with mujoco 4.0.0"),
+        ([("3.9", mujoco) for mujoco in MUJOCOS], "all 4 combinations with python 3.9"),
+        (
+            [(python, mujoco) for python in PYTHONS for mujoco in MUJOCOS[1:]],
+            "all 9 combinations with mujoco 3.1.6 to 4.0.0",
+        ),
         (
             [(python, mujoco) for python in PYTHONS for mujoco in ("2.3.7", "4.0.0")],
-            "all 6 cells with mujoco 2.3.7 or 4.0.0",
+            "all 6 combinations with mujoco 2.3.7 or 4.0.0",
         ),
-        ([(python, mujoco) for python in PYTHONS for mujoco in MUJOCOS], "all 12 cells"),
+        ([(python, mujoco) for python in PYTHONS for mujoco in MUJOCOS], "all 12 combinations"),
         (
             [("3.9", "4.0.0"), ("3.10", "4.0.0"), ("3.10", "3.3.7")],
-            "3 of 4 cells with python 3.9 or 3.10, mujoco 3.3.7 or 4.0.0",
+            "3 of 4 combinations with python 3.9 or 3.10, mujoco 3.3.7 or 4.0.0",
         ),
         ([("3.9", "4.0.0"), ("3.10", "4.0.0")], "`py3.9_mujoco-4.0.0`, `py3.10_mujoco-4.0.0`"),
     ],
@@ -78,7 +81,7 @@ def test_an_axis_that_says_nothing_more_is_left_out() -> None:
     cells = [one for one in broken([(python, "4.0.0") for python in PYTHONS]) if one.axes["mujoco"] != "3.3.7"]
     cells = [one for one in cells if one.axes["mujoco"] == "4.0.0" or one.axes["python"] == "3.11"]
 
-    assert single_cause(cells).where == "all 3 cells with mujoco 4.0.0"
+    assert single_cause(cells).where == "all 3 combinations with mujoco 4.0.0"
 
 
 # --- one cause -------------------------------------------------------------------------------------------------
@@ -93,7 +96,7 @@ def test_one_broken_release_is_one_line() -> None:
 
     one = single_cause(matrix(red))
 
-    assert (one.known, one.cells, one.where) == ("gone", 3, "all 3 cells with mujoco 4.0.0")
+    assert (one.known, one.cells, one.where) == ("gone", 3, "all 3 combinations with mujoco 4.0.0")
     assert one.verdicts == ((Verdict.BROKEN, 1), (Verdict.PARTIAL, 2))
     assert (one.cause, one.remedy, one.applicable) == ("cause of gone", "install `mujoco<4`", True)
     assert [name for name, _ in one.proofs] == ["py3.9_mujoco-4.0.0_with-cure"]

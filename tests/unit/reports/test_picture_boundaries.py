@@ -95,10 +95,10 @@ def test_a_release_that_moves_the_camera_is_named_in_one_sentence(vault: Vault) 
     ]
     (entry,) = pictures(vault, *cells)
     assert picture_markdown.picture_table(entry) == (
-        "| pictures / gymnasium | 1.2.3 to 1.3.0 | 1.4.0 to 1.10.0 |\n| --- | :-: | :-: |\n| Ant-v5 | a | b |\n"
+        "| images / gymnasium | 1.2.3 to 1.3.0 | 1.4.0 to 1.10.0 |\n| --- | :-: | :-: |\n| Ant-v5 | a | b |\n"
     )
     assert picture_markdown.picture_sentences(entry) == [
-        "gymnasium 1.3.0 to 1.4.0: 1 of 1 tasks look different in 100% of the picture; the camera is elsewhere."
+        "gymnasium 1.3.0 to 1.4.0: 1 of 1 tasks look different in 100% of the image; the camera is elsewhere."
     ]
     assert picture_markdown.picture_title(entry) == "gymnasium (python 3.11)"
 
@@ -108,16 +108,16 @@ def test_a_boundary_between_locks_that_differ_in_more_names_the_rest(vault: Vaul
     cells = [measured("1.3.0", drawn(vault)), measured("1.4.0", drawn(vault, BRIGHT), numpy="2.3.0")]
     (entry,) = pictures(vault, *cells)
     (sentence,) = picture_markdown.picture_sentences(entry)
-    assert sentence.endswith("; with the same camera and lens; not separated from numpy 2.2.6 to 2.3.0.")
+    assert sentence.endswith("; with the same camera and lens; other packages differ, too: numpy 2.2.6 to 2.3.0.")
 
 
 def test_a_difference_that_nobody_sees_keeps_its_letter(vault: Vault) -> None:
     """It has a prime, and the legend explains that."""
     (entry,) = pictures(vault, measured("1.3.0", drawn(vault)), measured("1.4.0", drawn(vault, NEARLY)))
     assert entry.letters == {"Ant-v5": ("a", "a'")}
-    assert "A prime: not equal to the bit, and nobody sees it." in picture_markdown.picture_legend(entry)
+    assert "A prime: some pixels differ, but the eye does not see it." in picture_markdown.picture_legend(entry)
     assert picture_markdown.picture_sentences(entry)[0].startswith(
-        "gymnasium 1.3.0 to 1.4.0: 1 of 1 tasks differ in pixels, and nobody sees it"
+        "gymnasium 1.3.0 to 1.4.0: 1 of 1 tasks differ in pixels, but not visibly"
     )
 
 
@@ -152,7 +152,7 @@ def test_drawn_states_go_before_starts_and_have_to_repeat(vault: Vault) -> None:
     assert (entry.method, entry.letters) == ("states", {"Ant-v5": ("a", "?")})
     (boundary,) = entry.boundaries
     assert boundary.differences[0].kind == "nondeterministic"
-    assert "1 of 1 tasks do not draw the same state twice alike" in picture_markdown.picture_sentences(entry)[0]
+    assert "1 of 1 tasks draw the same state differently each time" in picture_markdown.picture_sentences(entry)[0]
 
 
 def test_evidence_that_cannot_be_read_is_no_picture(vault: Vault) -> None:

@@ -201,7 +201,7 @@ class TestWhere:
         assert report_markdown.mark(found, single_square(found)[0]) == "✔? 1/1"
         (sheet,) = tables.report(msgspec.structs.replace(whole, cells=(doubted,))).sheets
         assert report_markdown.result(sheet).startswith(
-            "0 of 1 combination work. 1 more raise nothing, but a known silent defect was not excluded."
+            "0 of 1 combination work. 1 more raises no error, but a known silent defect was not excluded."
         )
 
 

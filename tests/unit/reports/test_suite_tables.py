@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import msgspec
 import pytest
 from builders import diagnosis
@@ -84,14 +86,14 @@ def test_page_with_suites() -> None:
     cells = (cell("1.3.0", suite("a")), cell("1.4.0", suite("b", "c", "d", "e")), cell("1.5.0", NOT_RUN))
     text = report_markdown.markdown(tables.report(msgspec.structs.replace(made, cells=cells)), TEMPLATE)
 
-    assert "| tasks | own tests |" in text
+    assert re.search(r"\| result \| combination \| .*own tests \|", text)
     assert "| 50 of 56 passed, 4 failed |" in text
     (row,) = [line for line in text.splitlines() if line.startswith("| `py3.11_gymnasium-1.4.0`")]
     assert row == (
         "| `py3.11_gymnasium-1.4.0` | 50 of 56 passed, 4 failed | `b`, `c`, `d` and 1 more | `a` |"
-        " `py3.11_gymnasium-1.3.0` | b: boom |"
+        " `py3.11_gymnasium-1.3.0` | `b: boom` |"
     )
-    assert "| could not run: box2d-py-swig | - | - | - | `box2d-py-swig`: error: command 'swig' failed |" in text
+    assert "| could not run: box2d-py-swig | - | - | - | `box2d-py-swig`: `error: command 'swig' failed` |" in text
 
 
 def test_page_without_suites() -> None:

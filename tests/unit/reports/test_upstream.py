@@ -100,7 +100,7 @@ def test_nothing_private_is_in_it(state: Store, capsys: pytest.CaptureFixture[st
     text = issue_text(capsys)
 
     assert not re.search(r"/home|jane|\$INCELL|\$HOME|contextlib|letmein|0123|robots|of a finding", text)
-    assert "| WANDB_API_KEY | &lt;redacted> |" in text
+    assert "| WANDB_API_KEY | `<redacted>` |" in text
     assert "\nMUJOCO_GL=egl WANDB_API_KEY='<redacted>' repro/bin/python repro.py\n" in text
 
 
