@@ -8,8 +8,10 @@ from pathlib import Path
 
 from harness.machine.files import guarded_files
 from harness.model.hostile_data import Unreadable
+from harness.reports import size_plot
 from harness.reports.site import addresses
 from harness.reports.site.site_sources import Source
+from harness.reports.tables.family_tables import FamilyTable
 
 KINDS = {".txt": b"", ".log": b"", ".jsonl": b"", ".png": b"\x89PNG\r\n", ".svg": b"<?xml"}
 """Files that are copied, by the end of their names, with the bytes that they begin with."""
@@ -51,6 +53,16 @@ class EvidenceFiles:
         empty = SiteFile(name=path, missing="the folder holds no log")
         return [self.copy(source, f"{path}/{name}") for name in names] or [empty]
 
+    def plot(self, source: Source, table: FamilyTable) -> SiteFile:
+        """Copy the plot of a table of families; draw it anew if the report has none, as those in a wheel."""
+        key = source.name, f"drawn/{table.picture}"
+        file = self.copy(source, table.picture)
+        if file.address:
+            return file
+        if key not in self._copied:
+            self._copied[key] = self._add(source, table.picture, size_plot.draw(table))
+        return self._copied[key]
+
     def tail(self, file: SiteFile) -> str:
         """Return the last lines of a log that was copied."""
         if not file.address:
@@ -70,6 +82,9 @@ class EvidenceFiles:
             return SiteFile(name=path, missing=str(error))
         if not content.startswith(start):
             return SiteFile(name=path, missing="it is damaged")
+        return self._add(source, path, content)
+
+    def _add(self, source: Source, path: str, content: bytes) -> SiteFile:
         address = addresses.report_file(source.name, path)
         target = self._target / address
         target.parent.mkdir(parents=True, exist_ok=True)

@@ -8,12 +8,12 @@ from typing import Any
 
 from packaging.version import Version
 
+from harness.model.report_types import SYMBOLS
 from harness.reports.answers import measured_cells
 from harness.reports.install_texts import install_commands
 from harness.reports.site import addresses, issue_page, package_page
 from harness.reports.site.page_writer import PageWriter
 from harness.reports.site.site_facts import SiteFacts
-from harness.reports.text import report_markdown
 
 TOGETHER = 18
 """Rows of the first table."""
@@ -24,18 +24,16 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
     writer.write_data("assets/search.js", "SEARCH", list(_search(facts)))
     writer.write_data("assets/issues.js", "ISSUES", issue_page.data(facts.signatures))
     heavy = Counter(name for one in facts.cells for name in one.exercised if measured_cells.is_heavy(name))
-    counts = Counter(cell.verdict for source in facts.sources for cell in source.document.cells)
+    counts = Counter(row.verdict for _, sheet in facts.sheets.values() for row in sheet.rows)
     writer.write(
         "index.html",
         "home.html.j2",
         together=list(_together(facts)),
         families=[_family(facts, name) for name, _ in heavy.most_common()],
-        matrices=[
-            (name, addresses.matrix_page(name), report_markdown.result(sheet), sheet.title, source.folder is not None)
-            for name, (source, sheet) in facts.sheets.items()
-        ],
+        matrices=[_matrix(facts, name) for name in facts.sheets],
         counts=counts,
-        total=len(facts.entries),
+        total=counts.total(),
+        verdicts=[verdict for verdict in SYMBOLS if counts[verdict]],
         coverage=_coverage(facts),
         packages=[(name, addresses.package_page(name)) for name in facts.packages],
         environments=[(name, addresses.environment_page(name)) for name in facts.environments],
@@ -43,6 +41,20 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
             (issue_page.title(facts.signatures[name]), addresses.issue_page(name), name) for name in facts.signatures
         ),
     )
+
+
+def _matrix(facts: SiteFacts, name: str) -> dict[str, Any]:
+    """Return a matrix with how many of its combinations have each verdict, as its own page counts them."""
+    source, sheet = facts.sheets[name]
+    days = sorted({cell.measured[:10] for cell in source.document.cells if cell.matrix == name and cell.measured})
+    return {
+        "name": name,
+        "title": sheet.title,
+        "address": addresses.matrix_page(name),
+        "counts": Counter(row.verdict for row in sheet.rows),
+        "days": " to ".join(dict.fromkeys([days[0], days[-1]])) if days else "",
+        "kept": source.folder is not None,
+    }
 
 
 def _coverage(facts: SiteFacts) -> str:
@@ -87,9 +99,12 @@ def _family(facts: SiteFacts, name: str) -> dict[str, Any]:
     there = {package_page.release_of(one.version) for one in measured}
     works = sum(one.works for one in measured)
     days = sorted(one.measured for one in measured)
+    address = facts.package_address(name)
     return {
         "name": name,
-        "address": facts.package_address(name),
+        "address": address,
+        "releases": address and f"{address}#releases",
+        "unmeasured": address and f"{address}#unmeasured",
         "works": works,
         "fails": len(measured) - works,
         "inferred": len(guessed),

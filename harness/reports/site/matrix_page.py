@@ -49,6 +49,7 @@ def write(facts: SiteFacts, writer: PageWriter, files: EvidenceFiles) -> None:
             proven=report_markdown.proven,
             plots=_plots(source, sheet, files),
             environment_address=facts.environment_address,
+            environment_links=facts.environment_links,
             whole=source.folder is not None,
         )
         if pivot and len(pivot["rows"]) * len(pivot["columns"]) > MOST_SQUARES:
@@ -71,7 +72,7 @@ def _write_parts(
 
 
 def _plots(source: Source, sheet: Sheet, files: EvidenceFiles) -> dict[str, Any]:
-    return {table.picture: files.copy(source, table.picture) for table in sheet.families}
+    return {table.picture: files.plot(source, table) for table in sheet.families}
 
 
 def _pivot(facts: SiteFacts, pivot: Pivot, cells: list[CellEntry]) -> dict[str, Any]:

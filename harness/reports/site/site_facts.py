@@ -24,6 +24,9 @@ from harness.reports.site.site_sources import Source
 from harness.reports.tables.table_types import Row, Sheet
 from harness.standalone.versions import is_version
 
+LATER = re.compile(r"v\d+")
+"""A further version of an environment in a row of families."""
+
 NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])?")
 
 
@@ -132,6 +135,15 @@ class SiteFacts:
     def environment_address(self, name: str | None) -> str:
         """Return the address of the page of an environment id; empty if there is none."""
         return addresses.environment_page(name) if name and name in set(self.environments) else ""
+
+    def environment_links(self, names: str) -> list[tuple[str, str, str]]:
+        """Return the environments of a row of families as text, id and address: `Ant-v4, v5` has two."""
+        first, *others = names.split(", ")
+        stem = first.rpartition("-")[0]
+        if not all(map(LATER.fullmatch, others)):
+            first, others = names, []
+        ids = [(first, first), *((other, f"{stem}-{other}") for other in others)]
+        return [(text, name, self.environment_address(name)) for text, name in ids]
 
     def issues_of(self, package: str) -> Sequence[Issue]:
         """Return the known issues in which a package takes part."""

@@ -170,6 +170,49 @@ def test_data_of_the_filters_follows_the_rows(site: Path) -> None:
     assert len(labels) == len(quick_document().cells) < len(rows)
 
 
+def test_each_figure_of_the_first_page_has_its_evidence(site: Path) -> None:
+    """It lies in a link, or in a line with one, and each link opens a page and an anchor that are there."""
+    bare, broken = [], []
+    for block, links in blocks(site / "index.html"):
+        if re.search(r"\d", block) and not links:
+            bare.append(block)
+        broken += [link for link in links if not opens(site, link)]
+    assert (bare, broken) == ([], [])
+
+
+def test_each_count_of_the_first_page_is_that_of_the_page_it_opens(site: Path) -> None:
+    """The number of a matrix and a verdict is the number of combinations that the page then lists."""
+    first = (site / "index.html").read_text(encoding="utf-8")
+    counts = re.findall(r'<a class="count" href="(matrices/\w+/)index.html#verdict=(\w+)">(\d+)</a>', first)
+    assert len(counts) > 1
+    for folder, verdict, number in counts:
+        data = (site / folder / "data.js").read_text(encoding="utf-8").removeprefix("window.MATRIX = ")
+        cells = json.loads(data.rstrip(";\n"))["cells"]
+        assert sum(cell["verdict"] == verdict for cell in cells) == int(number)
+
+
+def blocks(page: Path) -> list[tuple[str, list[str]]]:
+    """Return the text of each row, item and paragraph of a page, with the addresses of its links."""
+    parts = re.findall(r"<(tr|li|p)\b[^>]*>(.*?)</\1>", page.read_text(encoding="utf-8"), re.DOTALL)
+    found = []
+    for _, part in parts:
+        tags = Tags()
+        tags.feed(re.sub(r"<pre\b.*?</pre>", "", part, flags=re.DOTALL))
+        found.append((" ".join(tags.text.split()), [str(one["href"]) for tag, one in tags.tags if tag == "a"]))
+    return found
+
+
+def opens(site: Path, link: str) -> bool:
+    """Return whether a link of the first page opens a page that is there, and its anchor or a filter there."""
+    address, _, anchor = link.partition("#")
+    file = site / (address or "index.html")
+    if not file.is_file():
+        return False
+    ids = {attributes.get("id") for _, attributes in parse(file).tags}
+    filtered = address.startswith("matrices/") and anchor.startswith("verdict=")
+    return not anchor or anchor in ids or filtered
+
+
 def test_a_badge_is_beside_the_page(site: Path) -> None:
     """It says which releases work."""
     assert ">3.3.7<" in (site / "packages/mujoco/badge.svg").read_text(encoding="utf-8")
