@@ -13,8 +13,11 @@ from harness.reports.site import addresses
 from harness.reports.site.site_sources import Source
 from harness.reports.tables.family_tables import FamilyTable
 
-KINDS = {".txt": b"", ".log": b"", ".jsonl": b"", ".png": b"\x89PNG\r\n", ".svg": b"<?xml"}
-"""Files that are copied, by the end of their names, with the bytes that they begin with."""
+KINDS = {
+    ".txt": (b"", b""), ".log": (b"", b""), ".jsonl": (b"", b""),
+    ".png": (b"\x89PNG\r\n", b"IEND\xaeB`\x82"), ".svg": (b"<?xml", b"</svg>"),
+}  # fmt: skip
+"""Files that are copied, by the end of their names, with the bytes that they begin and end with."""
 
 MOST = 16 << 20
 TAIL = 40
@@ -72,15 +75,15 @@ class EvidenceFiles:
 
     def _copy(self, source: Source, path: str) -> SiteFile:
         place = _inside(source, path)
-        start = KINDS.get(Path(path).suffix)
-        if place is None or start is None:
+        ends = KINDS.get(Path(path).suffix)
+        if place is None or ends is None:
             reason = "only its table was kept" if source.folder is None else "it is no file of this report"
             return SiteFile(name=path, missing=reason)
         try:
             content = guarded_files.read(place, MOST)
         except Unreadable as error:
             return SiteFile(name=path, missing=str(error))
-        if not content.startswith(start):
+        if not (content.startswith(ends[0]) and content.rstrip().endswith(ends[1])):
             return SiteFile(name=path, missing="it is damaged")
         return self._add(source, path, content)
 
