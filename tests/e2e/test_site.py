@@ -21,7 +21,7 @@ from harness.reports.site.site_sources import Source
 from harness.running.signatures import shipped_signatures
 
 ROOT = Path(__file__).parents[2]
-REPORTS = [ROOT / "reports" / name / "report.json" for name in ("quickstart", "gymnasium-mujoco")]
+REPORTS = [ROOT / "reports" / name / "report.json" for name in ("quickstart", "gymnasium-mujoco", "drift-mjx")]
 MOST_CELLS = 1000
 MILLISECONDS = 200
 """The time in which so many combinations have to be filtered."""
@@ -29,7 +29,7 @@ MILLISECONDS = 200
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the site of two committed reports."""
+    """Return the site of three committed reports."""
     target = tmp_path_factory.mktemp("site") / "site"
     build_site.build(REPORTS, target)
     return target
@@ -79,11 +79,11 @@ def rows(page: Any) -> list[str]:
     return list(page.locator("[data-list] tbody tr:visible td:nth-child(2)").all_text_contents())
 
 
-def test_pages_of_two_reports(site: Path) -> None:
-    """Every combination of both has a page, each page its badge, each picture is there."""
+def test_pages_of_three_reports(site: Path) -> None:
+    """Every combination has a page, each page its badge, each picture is there."""
     documents = [document.read_file(file) for file in REPORTS]
-    assert len(list(site.glob("cells/*/*.html"))) == sum(len(each.cells) for each in documents) == 115
-    assert {path.name for path in site.glob("matrices/*")} == {"quickstart", "gymnasium-mujoco"}
+    assert len(list(site.glob("cells/*/*.html"))) == sum(len(each.cells) for each in documents) == 124
+    assert {path.name for path in site.glob("matrices/*")} == {"quickstart", "gymnasium-mujoco", "drift-mjx"}
     assert len(list(site.glob("files/quickstart/frames/*.png"))) == 22
     assert (site / "packages/mujoco/index.html").is_file()
     assert (site / "environments/Ant-v5/badge.svg").is_file()
@@ -211,11 +211,34 @@ def test_long_lists_are_read_without_scripts(browser: Any, large_site: Path) -> 
     open_page(opened, large_site, "matrices/gymnasium-mujoco/index.html")
     first = rows(opened)
     opened.click("text=combinations 501 to 1000")
+    opened.wait_for_load_state()
     assert len({*first, *rows(opened)}) == MOST_CELLS
-    opened.click(".crumbs a:last-child")
+    open_page(opened, large_site, "matrices/gymnasium-mujoco/index.html")
     opened.click("text=The whole table")
+    opened.wait_for_load_state()
     assert opened.locator("table.pivot tbody td").count() == MOST_CELLS
     context.close()
+
+
+def test_behaviour_of_a_combination(page: Any, site: Path) -> None:
+    """Its page has the plot over releases, and the column of its own release is marked."""
+    open_page(page, site, "cells/drift-mjx/py3.11_mujoco-mjx-3.1.6.html")
+    marked = page.locator("table.families th.here")
+    assert marked.inner_text() == "mujoco-mjx-3.0.1 to mujoco-mjx-3.17.0"
+    letters = page.locator("table.families tbody tr")
+    assert page.locator("table.families td.here").count() == letters.count() > 0
+    plot = page.locator("figure.plot img")
+    plot.scroll_into_view_if_needed()
+    page.wait_for_function("document.querySelector('figure.plot img').naturalWidth > 100")
+
+
+def test_a_misleading_picture_is_beside_the_right_one(page: Any, site: Path) -> None:
+    """The causes come first, and the pictures of the nearest combination that works are shown too."""
+    open_page(page, site, "cells/gymnasium-mujoco/py3.10_gymnasium-1.4.0_mujoco-2.3.7.html")
+    assert page.locator("h2").first.inner_text() == "Cause: mujoco-before-numpy2-vectors"
+    here, right = page.locator(".frames figure:not(.right) img"), page.locator(".frames figure.right img")
+    assert here.count() == right.count() > 0
+    assert here.first.get_attribute("src") != right.first.get_attribute("src")
 
 
 def test_the_search_finds_packages_environments_and_errors(page: Any, site: Path) -> None:

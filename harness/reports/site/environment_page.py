@@ -38,7 +38,6 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
         works = [one for one, case in held if case_works(case)]
         fails = [one for one, case in held if not case_works(case)]
         address = addresses.environment_page(name)
-        best = _last_good(works)
         writer.write(
             address,
             "environment.html.j2",
@@ -47,8 +46,7 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
             good=facts.cell_links(one.cell.id for one in works),
             bad=facts.cell_links(one.cell.id for one in fails),
             packages=list(_packages(facts, held)),
-            best=best,
-            install=install_commands.command(best) if best else "",
+            last_good=[(best, install_commands.command(best)) for best in _last_good(held)],
             traps=list(_traps(facts, held))[:MOST_TRAPS],
             series=[_series(one) for one in facts.measured.series if one.env == name],
             measured=max(one.cell.measured for one, _ in held)[:10],
@@ -59,14 +57,15 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
         package_page.badge(writer, address, name, text, works=bool(works))
 
 
-def _last_good(works: Sequence[CellResult]) -> recommending.Combination | None:
-    """Return the newest combination in which an environment passes and all else works; None if there is none."""
-    heavy = Counter(name for one in works for name in one.subjects if is_heavy(name) and name in one.exercised)
-    for name, _ in heavy.most_common():
-        best = recommending.combinations(works, Query(wanted=(Wanted.of(name),)), 1)
-        if best:
-            return best[0]
-    return None
+def _last_good(held: Tried) -> Iterator[recommending.Combination]:
+    """Yield for each API the newest combination in which an environment passes and all else works."""
+    for api in sorted({case.api for _, case in held}):
+        works = [one for one, case in held if case.api == api and case_works(case)]
+        heavy = Counter(name for one in works for name in one.subjects if is_heavy(name) and name in one.exercised)
+        every = (
+            recommending.combinations(works, Query(wanted=(Wanted.of(name),)), 1) for name, _ in heavy.most_common()
+        )
+        yield from next(filter(None, every), [])
 
 
 def _packages(facts: SiteFacts, held: Tried) -> Iterator[dict[str, Any]]:

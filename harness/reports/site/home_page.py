@@ -8,6 +8,7 @@ from typing import Any
 
 from packaging.version import Version
 
+from harness.model import Verdict
 from harness.model.report_types import SYMBOLS
 from harness.reports.answers import measured_cells
 from harness.reports.install_texts import install_commands
@@ -17,6 +18,20 @@ from harness.reports.site.site_facts import SiteFacts
 
 TOGETHER = 18
 """Rows of the first table."""
+
+SIGNS = {
+    Verdict.NOT_RUN: "The combination was not tried.",
+    Verdict.INCONCLUSIVE: "The machine or the network failed. This says nothing about the packages.",
+    Verdict.UNAVAILABLE: "The machine lacks something, for example a GPU or a Python version.",
+    Verdict.UNRESOLVABLE: "The requirements exclude each other.",
+    Verdict.UNINSTALLABLE: "A package cannot be built or installed.",
+    Verdict.IMPORT_FAILS: "A module cannot be imported.",
+    Verdict.MISLEADS: "Nothing is raised, but a check shows a wrong result: for example, a camera looks elsewhere.",
+    Verdict.WORKS: "Every environment passed every check.",
+    Verdict.PARTIAL: "Some environments or phases passed, and others failed.",
+    Verdict.BROKEN: "The import passed, and every environment failed after it.",
+}
+"""The meaning of each verdict, in the order in which verdicts are decided."""
 
 
 def write(facts: SiteFacts, writer: PageWriter) -> None:
@@ -33,6 +48,7 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
         matrices=[_matrix(facts, name) for name in facts.sheets],
         counts=counts,
         total=counts.total(),
+        signs=SIGNS.items(),
         verdicts=[verdict for verdict in SYMBOLS if counts[verdict]],
         coverage=_coverage(facts),
         packages=[(name, addresses.package_page(name)) for name in facts.packages],

@@ -32,18 +32,22 @@ NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])?")
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CellLink:
-    """A cell as other pages show it; `address` is empty if the site has no page of it."""
+    """A cell as other pages show it; `address` is empty if the site has no page of it.
+
+    A cell that works is `doubted` if a known silent defect was not excluded.
+    """
 
     id: str
     label: str
     matrix: str
     verdict: Verdict
     address: str
+    doubted: bool = False
 
     @property
     def word(self) -> str:
         """Return the verdict in readable words."""
-        return word(self.verdict)
+        return word(self.verdict) + (", but a known silent defect was not excluded" if self.doubted else "")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +121,9 @@ class SiteFacts:
             return CellLink(id=cell_id, label=cell_id, matrix="", verdict=verdict, address="")
         entry = held[0][1]
         address = addresses.cell_page(cell_id, entry.matrix)
-        return CellLink(id=cell_id, label=entry.label, matrix=entry.matrix, verdict=entry.verdict, address=address)
+        doubted = entry.verdict is Verdict.WORKS and bool(entry.doubts)
+        return CellLink(id=cell_id, label=entry.label, matrix=entry.matrix, verdict=entry.verdict, address=address,
+                        doubted=doubted)  # fmt: skip
 
     def cell_links(self, ids: Iterable[str]) -> list[CellLink]:
         """Return cells as other pages show them, each once."""

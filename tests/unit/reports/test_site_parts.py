@@ -126,6 +126,24 @@ def test_similar_issues() -> None:
     assert "gym021-wheel-invalid-requirement" in similar["gym021-extras-require-setuptools"]
 
 
+# --- families --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("row", "links"),
+    [
+        ("Ant-v4, v5", [("Ant-v4", "Ant-v4"), ("v5", "Ant-v5")]),
+        ("Ant-v4", [("Ant-v4", "Ant-v4")]),
+        ("dm_control:cheetah/run", [("dm_control:cheetah/run", "dm_control:cheetah/run")]),
+        ("odd, name", [("odd, name", "odd, name")]),
+    ],
+)
+def test_each_environment_of_a_row_is_a_link(row: str, links: list[tuple[str, str]]) -> None:
+    """Versions of an environment that behave alike share a row; each of them leads to its own page."""
+    named = facts(("works", "3.8.0", "2")).environment_links(row)
+    assert [(text, name) for text, name, _ in named] == links
+
+
 # --- streaks ---------------------------------------------------------------------------------------------------
 
 
