@@ -9,24 +9,24 @@ from typing import Any
 from packaging.version import Version
 
 from harness.model import Verdict
-from harness.model.report_types import SYMBOLS
 from harness.reports.answers import measured_cells
 from harness.reports.install_texts import install_commands
 from harness.reports.site import addresses, issue_page, package_page
 from harness.reports.site.page_writer import PageWriter
-from harness.reports.site.site_facts import SiteFacts
+from harness.reports.site.site_facts import DOUBTED, SiteFacts, mark_of
 
 TOGETHER = 18
 """Rows of the first table."""
 
-SIGNS = {
+SIGNS: dict[str, str] = {
     Verdict.NOT_RUN: "The combination was not tried.",
-    Verdict.INCONCLUSIVE: "The machine or the network failed. This says nothing about the packages.",
+    Verdict.INCONCLUSIVE: "The machine or the network failed, so the packages were not judged.",
     Verdict.UNAVAILABLE: "The machine lacks something, for example a GPU or a Python version.",
     Verdict.UNRESOLVABLE: "The requirements exclude each other.",
     Verdict.UNINSTALLABLE: "A package cannot be built or installed.",
     Verdict.IMPORT_FAILS: "A module cannot be imported.",
     Verdict.MISLEADS: "Nothing is raised, but a check shows a wrong result: for example, a camera looks elsewhere.",
+    DOUBTED: "Nothing failed, but a known silent defect was not excluded.",
     Verdict.WORKS: "Every environment passed every check.",
     Verdict.PARTIAL: "Some environments or phases passed, and others failed.",
     Verdict.BROKEN: "The import passed, and every environment failed after it.",
@@ -39,7 +39,7 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
     writer.write_data("assets/search.js", "SEARCH", list(_search(facts)))
     writer.write_data("assets/issues.js", "ISSUES", issue_page.data(facts.signatures))
     heavy = Counter(name for one in facts.cells for name in one.exercised if measured_cells.is_heavy(name))
-    counts = Counter(row.verdict for _, sheet in facts.sheets.values() for row in sheet.rows)
+    counts = sum((_marks(facts, name) for name in facts.sheets), Counter[str]())
     writer.write(
         "index.html",
         "home.html.j2",
@@ -49,7 +49,7 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
         counts=counts,
         total=counts.total(),
         signs=SIGNS.items(),
-        verdicts=[verdict for verdict in SYMBOLS if counts[verdict]],
+        verdicts=[mark for mark, _ in counts.most_common()],
         coverage=_coverage(facts),
         packages=[(name, addresses.package_page(name)) for name in facts.packages],
         environments=[(name, addresses.environment_page(name)) for name in facts.environments],
@@ -57,6 +57,13 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
             (issue_page.title(facts.signatures[name]), addresses.issue_page(name), name) for name in facts.signatures
         ),
     )
+
+
+def _marks(facts: SiteFacts, matrix: str) -> Counter[str]:
+    """Count the rows of a matrix by verdict; those that work and are doubted count apart."""
+    source, sheet = facts.sheets[matrix]
+    entries = {cell.id: cell for cell in source.document.cells if cell.matrix == matrix}
+    return Counter(mark_of(entries[row.id]) for row in sheet.rows)
 
 
 def _matrix(facts: SiteFacts, name: str) -> dict[str, Any]:
@@ -67,8 +74,8 @@ def _matrix(facts: SiteFacts, name: str) -> dict[str, Any]:
         "name": name,
         "title": sheet.title,
         "address": addresses.matrix_page(name),
-        "counts": Counter(row.verdict for row in sheet.rows),
-        "days": " to ".join(dict.fromkeys([days[0], days[-1]])) if days else "",
+        "counts": _marks(facts, name),
+        "days": list(dict.fromkeys([days[0], days[-1]])) if days else [],
         "kept": source.folder is not None,
     }
 

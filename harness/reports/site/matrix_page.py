@@ -11,7 +11,7 @@ from harness.model.report_types import SYMBOLS, CellEntry, word
 from harness.reports.site import addresses
 from harness.reports.site.evidence_files import EvidenceFiles
 from harness.reports.site.page_writer import PageWriter
-from harness.reports.site.site_facts import CellLink, SiteFacts
+from harness.reports.site.site_facts import DOUBTED, CellLink, SiteFacts, mark_of, name_mark, sign
 from harness.reports.site.site_sources import Source
 from harness.reports.tables.table_types import Pivot, Row, Sheet
 from harness.reports.text import report_markdown
@@ -114,8 +114,8 @@ def _data(facts: SiteFacts, sheet: Sheet, cells: list[CellEntry]) -> dict[str, A
     return {
         "axes": axes,
         "pivot": [*first] or [*axes, *axes][:2],
-        "signs": {verdict: SYMBOLS[verdict] for verdict in SYMBOLS},
-        "words": {verdict: word(verdict) for verdict in SYMBOLS},
+        "signs": {mark: sign(mark) for mark in (*SYMBOLS, DOUBTED)},
+        "words": {mark: name_mark(mark) for mark in (*SYMBOLS, DOUBTED)},
         "issues": {row.known: facts.issue_address(row.known) for row in sheet.rows if row.known},
         "cells": [_cell(facts, row, entries[row.id], axes, texts) for row in sheet.rows],
         "texts": list(texts),
@@ -129,7 +129,7 @@ def _cell(facts: SiteFacts, row: Row, entry: CellEntry, axes: list[str], texts: 
     return {
         "label": row.label,
         "link": facts.cell_link(row.id).address,
-        "verdict": row.verdict,
+        "verdict": mark_of(entry),
         "phase": row.phase,
         "expected": row.as_expected,
         "why": texts.setdefault(row.why, len(texts)),

@@ -15,7 +15,7 @@ from harness.judging.known_issues import Issue
 from harness.matrix.signatures import Signature
 from harness.model import Verdict
 from harness.model.measured import Measured
-from harness.model.report_types import CellEntry, word
+from harness.model.report_types import SYMBOLS, CellEntry, word
 from harness.model.vocabulary import required_name
 from harness.reports.answers import measured_cells
 from harness.reports.answers.measured_cells import CellResult
@@ -26,6 +26,9 @@ from harness.standalone.versions import is_version
 
 LATER = re.compile(r"v\d+")
 """A further version of an environment in a row of families."""
+
+DOUBTED = "doubted"
+"""Beside the verdicts: the combination works, but a known silent defect was not excluded."""
 
 NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])?")
 
@@ -47,7 +50,7 @@ class CellLink:
     @property
     def word(self) -> str:
         """Return the verdict in readable words."""
-        return word(self.verdict) + (", but a known silent defect was not excluded" if self.doubted else "")
+        return name_mark(DOUBTED) if self.doubted else word(self.verdict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,7 +124,7 @@ class SiteFacts:
             return CellLink(id=cell_id, label=cell_id, matrix="", verdict=verdict, address="")
         entry = held[0][1]
         address = addresses.cell_page(cell_id, entry.matrix)
-        doubted = entry.verdict is Verdict.WORKS and bool(entry.doubts)
+        doubted = mark_of(entry) == DOUBTED
         return CellLink(id=cell_id, label=entry.label, matrix=entry.matrix, verdict=entry.verdict, address=address,
                         doubted=doubted)  # fmt: skip
 
@@ -155,6 +158,21 @@ class SiteFacts:
         """Return the known issues in which a package takes part."""
         issues = self.issues_with_cells.values()
         return [one for one in issues if package in set(map(required_name, one.packages))]
+
+
+def mark_of(entry: CellEntry) -> str:
+    """Return the verdict of a cell, or `doubted` if it works and a known silent defect was not excluded."""
+    return DOUBTED if entry.verdict is Verdict.WORKS and entry.doubts else str(entry.verdict)
+
+
+def sign(mark: str) -> str:
+    """Return the sign of a verdict or of `doubted`."""
+    return "✔?" if mark == DOUBTED else SYMBOLS[Verdict(mark)]
+
+
+def name_mark(mark: str) -> str:
+    """Return the readable words of a verdict or of `doubted`."""
+    return "works, in doubt" if mark == DOUBTED else word(mark)
 
 
 def _is_sound(result: CellResult) -> bool:
