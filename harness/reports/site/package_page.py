@@ -218,7 +218,7 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
             cell_link=facts.cell_link,
             try_command=answer.next,
         )
-        badge(writer, address, name, span(works) if works else "nothing works as a whole", works=bool(works))
+        badge(writer, address, name, span(works) if works else "no measured combination works", works=bool(works))
 
 
 def span(versions: Sequence[str]) -> str:
