@@ -21,6 +21,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from harness.model.measured import Measured
+from harness.model.report_types import format_count
 from harness.reports import document
 from harness.reports.site import build_site, matrix_page
 from harness.reports.site.evidence_files import EvidenceFiles
@@ -73,7 +74,7 @@ def main() -> None:
         "# The site of all committed reports",
         "",
         f"Made by `python -m benchmarks.site` on {datetime.now(UTC):%Y-%m-%d}: Linux, {os.cpu_count()} cores, load "
-        f"{os.getloadavg()[0]:.1f} with what others ran; medians of {args.runs} runs.",
+        f"{os.getloadavg()[0]:.1f} with what others ran; medians of {format_count(args.runs, 'run')}.",
         "",
         f"- Built in {wall:.0f} s ({computing:.0f} s of computing); target: two minutes.",
         f"- {built.pages:,} pages on {built.cells:,} combinations, {built.files:,} files, {built.bytes / 1e6:.1f} MB.",
