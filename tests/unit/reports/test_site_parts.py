@@ -88,7 +88,7 @@ def test_excuses_say_who_can_do_what() -> None:
     ("verdict", "who"),
     [
         (Verdict.UNAVAILABLE, "Somebody with another machine"),
-        (Verdict.INCONCLUSIVE, "Whoever measures next"),
+        (Verdict.INCONCLUSIVE, "Anyone who runs it again"),
         (Verdict.BROKEN, "Anyone"),
     ],
 )
