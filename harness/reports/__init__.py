@@ -9,5 +9,6 @@ __all__ = [
     "packs",
     "publishing",
     "readme_blocks",
+    "size_plot",
     "template_files",
 ]

@@ -10,6 +10,7 @@ import argparse
 import contextlib
 import importlib
 import io
+import os
 import random
 import sys
 import tempfile
@@ -143,6 +144,16 @@ def _merge(chance: random.Random) -> list[str]:
     return ["merge", "one", "two", "--out", "out"]
 
 
+def _site(chance: random.Random) -> list[str]:
+    Path("report.json").write_bytes(content(mutate_json(reports(), chance), chance))
+    return ["site", "report.json", "--out", "out"]
+
+
+def _build_site(words: list[str]) -> int:
+    os.environ["HARNESS_SIGNATURES"] = ""  # pages of known issues are the same for every report
+    return command(words)
+
+
 WRITING = frozenset({"--out", "--into", "--to", "--lock-out"})
 """Options whose path a user may put anywhere; here it is kept in the folder."""
 
@@ -187,6 +198,7 @@ TARGETS = {
         Target(name="requirement files", make=_requirements, run=_read_requirements),
         Target(name="reports", make=_report, run=command),
         Target(name="merged reports", make=_merge, run=command),
+        Target(name="sites", make=_site, run=_build_site),
         Target(name="command lines", make=_words, run=_run_words),
     )
 }

@@ -108,6 +108,23 @@ def test_recommended_cells_open_on_a_fresh_machine(
     assert report.stdout.startswith(f"{cells[0].partition('/')[0]}: ")
 
 
+def test_it_builds_a_site_on_a_fresh_machine(
+    installed: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    """A report of the wheel becomes a site, which says that its evidence is elsewhere; an unknown one is refused."""
+    done = installed("site", "drift-mjx", "--out", str(tmp_path / "site"))
+
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "site/packages/mujoco/index.html").is_file()
+    (page, *_) = sorted((tmp_path / "site/cells/drift-mjx").iterdir())
+    assert "This report came without locks, logs and pictures." in page.read_text(encoding="utf-8")
+    assert [path.name for path in (tmp_path / "site/files").rglob("*.svg")] == ["behaviour-1.svg"]  # drawn anew
+    refused = installed("site", "nowhere", "--out", str(tmp_path / "other"))
+    assert refused.returncode == 2
+    assert refused.stderr.startswith("simmatrix: nowhere: no report.json here, and no matrix of this name was run")
+    assert not (tmp_path / "other").exists()
+
+
 def test_it_explains_on_a_fresh_machine(installed: Callable[..., subprocess.CompletedProcess[str]]) -> None:
     """A traceback is explained by the signatures in the wheel."""
     done = installed("explain", "-", "--json", said=TRACEBACK)

@@ -14,6 +14,7 @@ COUNTS = {
     "requirement files": 300,
     "reports": 40,
     "merged reports": 20,
+    "sites": 6,
     "command lines": 120,
 }
 

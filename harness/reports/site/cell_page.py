@@ -21,6 +21,7 @@ from harness.reports.site.page_writer import PageWriter
 from harness.reports.site.site_facts import SiteFacts
 from harness.reports.site.site_sources import Source
 from harness.reports.tables import tables
+from harness.reports.tables.family_tables import FamilyTable
 from harness.running import lock_files
 from harness.standalone.failures.remedies import in_words
 
@@ -67,7 +68,7 @@ class CellPages:
             "near_link": facts.cell_link(near.cell.id) if near else None,
             "installed": _installed(entry, near),
             "cases": cases,
-            "plots": self._plots(source, entry),
+            "families": list(self._families(source, entry)),
             "logs": logs,
             "tail": next((tail for file in logs if file.name.endswith((".txt", ".log"))
                           if (tail := self._files.tail(file))), ""),
@@ -127,14 +128,21 @@ class CellPages:
         for place in dict.fromkeys(filter(None, places)):
             yield from self._files.copy_folder(source, place)
 
-    def _plots(self, source: Source, entry: CellEntry) -> list[SiteFile]:
-        """Return the plots of behaviour that this cell is a part of."""
-        if not any(case.behaviour for case in entry.cases):
-            return []
+    def _families(self, source: Source, entry: CellEntry) -> Iterator[dict[str, Any]]:
+        """Yield each comparison over releases that this cell is a part of: its plot, and the letters of its tasks."""
+        envs = {case.env or case.case for case in entry.cases if case.behaviour}
         sheet = next(sheet for sheet in source.report.sheets if sheet.matrix == entry.matrix)
-        tables_of_cell = (table for table in sheet.families if entry.axes.get(table.axis) in table.releases)
-        copies = (self._files.copy(source, table.picture) for table in tables_of_cell)
-        return [file for file in copies if file.address]
+        for table in sheet.families if envs else ():
+            rest = ", ".join(f"{name} {value}" for name, value in sorted(entry.axes.items()) if name != table.axis)
+            if rest != table.where or entry.axes[table.axis] not in table.releases:
+                continue
+            rows = [(self._facts.environment_links(names), letters) for names, letters in table.rows]
+            yield {
+                "table": table,
+                "here": _column(table, entry.axes[table.axis]),
+                "rows": [(links, letters) for links, letters in rows if envs & {name for _, name, _ in links}],
+                "plot": self._files.plot(source, table),
+            }
 
     def _formats(self, result: CellResult) -> Iterator[tuple[str, str]]:
         """Yield the versions of a cell as each tool takes them."""
@@ -161,6 +169,12 @@ class CellPages:
             yield "environment.yml", environment_files.conda(combination, header)
             yield "pyproject.toml", environment_files.pyproject(combination, header)
             yield "Dockerfile", environment_files.dockerfile(combination, header, system)
+
+
+def _column(table: FamilyTable, release: str) -> int:
+    """Return the column of a release: the last range that does not begin after it."""
+    starts = [table.releases.index(column.partition(" to ")[0]) for column in table.columns]
+    return sum(start <= table.releases.index(release) for start in starts) - 1
 
 
 def _left_behind(source: Source, entry: CellEntry) -> Iterator[str]:

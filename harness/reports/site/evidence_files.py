@@ -8,11 +8,16 @@ from pathlib import Path
 
 from harness.machine.files import guarded_files
 from harness.model.hostile_data import Unreadable
+from harness.reports import size_plot
 from harness.reports.site import addresses
 from harness.reports.site.site_sources import Source
+from harness.reports.tables.family_tables import FamilyTable
 
-KINDS = {".txt": b"", ".log": b"", ".jsonl": b"", ".png": b"\x89PNG\r\n", ".svg": b"<?xml"}
-"""Files that are copied, by the end of their names, with the bytes that they begin with."""
+KINDS = {
+    ".txt": (b"", b""), ".log": (b"", b""), ".jsonl": (b"", b""),
+    ".png": (b"\x89PNG\r\n", b"IEND\xaeB`\x82"), ".svg": (b"<?xml", b"</svg>"),
+}  # fmt: skip
+"""Files that are copied, by the end of their names, with the bytes that they begin and end with."""
 
 MOST = 16 << 20
 TAIL = 40
@@ -51,6 +56,16 @@ class EvidenceFiles:
         empty = SiteFile(name=path, missing="the folder holds no log")
         return [self.copy(source, f"{path}/{name}") for name in names] or [empty]
 
+    def plot(self, source: Source, table: FamilyTable) -> SiteFile:
+        """Copy the plot of a table of families; draw it anew if the report has none, as those in a wheel."""
+        key = source.name, f"drawn/{table.picture}"
+        file = self.copy(source, table.picture)
+        if file.address:
+            return file
+        if key not in self._copied:
+            self._copied[key] = self._add(source, table.picture, size_plot.draw(table))
+        return self._copied[key]
+
     def tail(self, file: SiteFile) -> str:
         """Return the last lines of a log that was copied."""
         if not file.address:
@@ -60,16 +75,19 @@ class EvidenceFiles:
 
     def _copy(self, source: Source, path: str) -> SiteFile:
         place = _inside(source, path)
-        start = KINDS.get(Path(path).suffix)
-        if place is None or start is None:
+        ends = KINDS.get(Path(path).suffix)
+        if place is None or ends is None:
             reason = "only its table was kept" if source.folder is None else "it is no file of this report"
             return SiteFile(name=path, missing=reason)
         try:
             content = guarded_files.read(place, MOST)
         except Unreadable as error:
             return SiteFile(name=path, missing=str(error))
-        if not content.startswith(start):
+        if not (content.startswith(ends[0]) and content.rstrip().endswith(ends[1])):
             return SiteFile(name=path, missing="it is damaged")
+        return self._add(source, path, content)
+
+    def _add(self, source: Source, path: str, content: bytes) -> SiteFile:
         address = addresses.report_file(source.name, path)
         target = self._target / address
         target.parent.mkdir(parents=True, exist_ok=True)

@@ -17,7 +17,7 @@ from harness.standalone.keys import weight
 Moved = dict[str, tuple[str | None, str | None]]
 
 YOU = "You"
-NEXT = "The next who measures"
+NEXT = "Anyone who runs it again"
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

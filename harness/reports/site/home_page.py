@@ -8,15 +8,30 @@ from typing import Any
 
 from packaging.version import Version
 
+from harness.model import Verdict
 from harness.reports.answers import measured_cells
 from harness.reports.install_texts import install_commands
 from harness.reports.site import addresses, issue_page, package_page
 from harness.reports.site.page_writer import PageWriter
-from harness.reports.site.site_facts import SiteFacts
-from harness.reports.text import report_markdown
+from harness.reports.site.site_facts import DOUBTED, SiteFacts, mark_of
 
 TOGETHER = 18
 """Rows of the first table."""
+
+SIGNS: dict[str, str] = {
+    Verdict.NOT_RUN: "The combination was not tried.",
+    Verdict.INCONCLUSIVE: "The machine or the network failed, so the packages were not judged.",
+    Verdict.UNAVAILABLE: "The machine lacks something, for example a GPU or a Python version.",
+    Verdict.UNRESOLVABLE: "The requirements exclude each other.",
+    Verdict.UNINSTALLABLE: "A package cannot be built or installed.",
+    Verdict.IMPORT_FAILS: "A module cannot be imported.",
+    Verdict.MISLEADS: "Nothing is raised, but a check shows a wrong result: for example, a camera looks elsewhere.",
+    DOUBTED: "Nothing failed, but a known silent defect was not excluded.",
+    Verdict.WORKS: "Every environment passed every check.",
+    Verdict.PARTIAL: "Some environments or phases passed, and others failed.",
+    Verdict.BROKEN: "The import passed, and every environment failed after it.",
+}
+"""The meaning of each verdict, in the order in which verdicts are decided."""
 
 
 def write(facts: SiteFacts, writer: PageWriter) -> None:
@@ -24,18 +39,17 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
     writer.write_data("assets/search.js", "SEARCH", list(_search(facts)))
     writer.write_data("assets/issues.js", "ISSUES", issue_page.data(facts.signatures))
     heavy = Counter(name for one in facts.cells for name in one.exercised if measured_cells.is_heavy(name))
-    counts = Counter(cell.verdict for source in facts.sources for cell in source.document.cells)
+    counts = sum((_marks(facts, name) for name in facts.sheets), Counter[str]())
     writer.write(
         "index.html",
         "home.html.j2",
         together=list(_together(facts)),
         families=[_family(facts, name) for name, _ in heavy.most_common()],
-        matrices=[
-            (name, addresses.matrix_page(name), report_markdown.result(sheet), sheet.title, source.folder is not None)
-            for name, (source, sheet) in facts.sheets.items()
-        ],
+        matrices=[_matrix(facts, name) for name in facts.sheets],
         counts=counts,
-        total=len(facts.entries),
+        total=counts.total(),
+        signs=SIGNS.items(),
+        verdicts=[mark for mark, _ in counts.most_common()],
         coverage=_coverage(facts),
         packages=[(name, addresses.package_page(name)) for name in facts.packages],
         environments=[(name, addresses.environment_page(name)) for name in facts.environments],
@@ -43,6 +57,27 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
             (issue_page.title(facts.signatures[name]), addresses.issue_page(name), name) for name in facts.signatures
         ),
     )
+
+
+def _marks(facts: SiteFacts, matrix: str) -> Counter[str]:
+    """Count the rows of a matrix by verdict; those that work and are doubted count apart."""
+    source, sheet = facts.sheets[matrix]
+    entries = {cell.id: cell for cell in source.document.cells if cell.matrix == matrix}
+    return Counter(mark_of(entries[row.id]) for row in sheet.rows)
+
+
+def _matrix(facts: SiteFacts, name: str) -> dict[str, Any]:
+    """Return a matrix with how many of its combinations have each verdict, as its own page counts them."""
+    source, sheet = facts.sheets[name]
+    days = sorted({cell.measured[:10] for cell in source.document.cells if cell.matrix == name and cell.measured})
+    return {
+        "name": name,
+        "title": sheet.title,
+        "address": addresses.matrix_page(name),
+        "counts": _marks(facts, name),
+        "days": list(dict.fromkeys([days[0], days[-1]])) if days else [],
+        "kept": source.folder is not None,
+    }
 
 
 def _coverage(facts: SiteFacts) -> str:
@@ -87,9 +122,12 @@ def _family(facts: SiteFacts, name: str) -> dict[str, Any]:
     there = {package_page.release_of(one.version) for one in measured}
     works = sum(one.works for one in measured)
     days = sorted(one.measured for one in measured)
+    address = facts.package_address(name)
     return {
         "name": name,
-        "address": facts.package_address(name),
+        "address": address,
+        "releases": address and f"{address}#releases",
+        "unmeasured": address and f"{address}#unmeasured",
         "works": works,
         "fails": len(measured) - works,
         "inferred": len(guessed),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -57,22 +57,23 @@ class Release:
 
 def releases(facts: SiteFacts, name: str) -> list[Release]:
     """Return the measured releases of a package, oldest first."""
-    return _releases(facts.cells, name)
+    return group_releases(facts.cells, name, _works(name))
 
 
-def _releases(cells: Iterable[CellResult], name: str) -> list[Release]:
+def group_releases(cells: Iterable[CellResult], name: str, works: Callable[[CellResult], bool]) -> list[Release]:
+    """Return the releases of a package in these cells, oldest first; a release works if one of its cells does."""
     groups: dict[str, list[CellResult]] = {}
     for result in cells:
         version = result.version(name) if name in result.about else None
         if version:
             groups.setdefault(version, []).append(result)
     return [
-        Release(version=version, works=any(map(_works(name), groups[version])), results=tuple(groups[version]))
+        Release(version=version, works=any(map(works, groups[version])), results=tuple(groups[version]))
         for version in sorted(groups, key=Version)
     ]
 
 
-def _works(name: str) -> Any:
+def _works(name: str) -> Callable[[CellResult], bool]:
     return lambda one: (one.works or one.ran_unlocked) and name in one.exercised
 
 
@@ -115,8 +116,13 @@ class Streak:
     moved: excuses.Moved | None = None
 
 
-def streak(measured: Sequence[Release]) -> Streak | None:
-    """Return the streak that the newest release is part of; None if nothing was measured."""
+def streak(
+    measured: Sequence[Release], good: Callable[[CellResult], bool] = lambda one: one.cell.good
+) -> Streak | None:
+    """Return the streak that the newest release is part of; None if nothing was measured.
+
+    `good` says which cells work: at the turn two are compared that differ in this.
+    """
     if not measured:
         return None
     last = measured[-1].works
@@ -125,7 +131,7 @@ def streak(measured: Sequence[Release]) -> Streak | None:
     if not start:
         return Streak(works=last, since=since, length=length)
     before, after = measured[start - 1], measured[start]
-    pair = _turning(before, after)
+    pair = _turning(before, after, good)
     if pair is None:
         return Streak(works=last, since=since, length=length, before=before.version)
     first, second = (one.cell for one in pair)
@@ -151,21 +157,24 @@ def partner_streaks(facts: SiteFacts, name: str, measured: Sequence[Release]) ->
     partners = Counter(other for one in facts.cells if name in one.subjects for other in one.subjects if other != name)
     for partner, _ in partners.most_common():
         for release in reversed(measured if measured_cells.is_heavy(partner) else ()):
-            along = _releases([one for one in release.results if {name, partner} <= one.subjects], partner)
+            both = [one for one in release.results if {name, partner} <= one.subjects]
+            along = group_releases(both, partner, _works(partner))
             held = streak(along) if len(along) > 1 else None
             if held:
                 yield PartnerStreak(name=partner, release=release.version, streak=held)
                 break
 
 
-def _turning(before: Release, after: Release) -> tuple[CellResult, CellResult] | None:
+def _turning(
+    before: Release, after: Release, good: Callable[[CellResult], bool]
+) -> tuple[CellResult, CellResult] | None:
     """Return the two cells of one matrix on both sides of the turn that differ least."""
     pairs = [
         (first, second)
         for first in before.results
         for second in after.results
         if first.cell.matrix == second.cell.matrix and first.pins and second.pins
-        if first.cell.good != second.cell.good
+        if good(first) != good(second)
     ]
     return min(pairs, key=lambda pair: len(set(pair[0].pins.items()) ^ set(pair[1].pins.items())), default=None)
 
@@ -185,6 +194,9 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
         works = [one.version for one in measured if one.works]
         address = addresses.package_page(name)
         every = published(name)
+        there = {release_of(one.version) for one in measured}
+        untested = [one for one in every if Version(one) not in there]
+        guessed = inferred(facts, name, measured, every)
         writer.write(
             address,
             "package.html.j2",
@@ -200,11 +212,13 @@ def write(facts: SiteFacts, writer: PageWriter) -> None:
             traps=list(_traps(facts, answer.red)),
             issues=[(one, facts.issue_address(one.id)) for one in facts.issues_of(name)],
             published=every,
-            untested=[one for one in every if Version(one) not in {release_of(each.version) for each in measured}],
+            untested=untested,
+            inferred=guessed,
+            unknown=[one for one in untested if one not in guessed],
             cell_link=facts.cell_link,
             try_command=answer.next,
         )
-        badge(writer, address, name, span(works) if works else "nothing works as a whole", works=bool(works))
+        badge(writer, address, name, span(works) if works else "no measured combination works", works=bool(works))
 
 
 def span(versions: Sequence[str]) -> str:

@@ -11,8 +11,9 @@ import msgspec
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup, escape
 
-from harness.model import Outcome, Phase, Verdict
-from harness.model.report_types import SYMBOLS, format_count, word
+from harness.model import Outcome, Phase
+from harness.model.report_types import format_count
+from harness.reports.site.site_facts import name_mark, sign
 from harness.reports.text.markdown_texts import ADDRESS
 from harness.standalone.control_characters import strip_controls
 
@@ -51,11 +52,6 @@ def sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:].rstrip('.')}." if text else ""
 
 
-def sign(verdict: Verdict | str) -> str:
-    """Return the sign of a verdict."""
-    return SYMBOLS[Verdict(verdict)]
-
-
 def outcome_sign(outcome: Outcome | str) -> str:
     """Return the sign of the outcome of a phase."""
     return OUTCOMES.get(Outcome(outcome), "✘")
@@ -85,7 +81,7 @@ class PageWriter:
             lstrip_blocks=True,
         )
         filters: dict[str, Callable[..., Any]] = {
-            "prose": prose, "link": link, "sign": sign, "word": word, "number": format_count, "sentence": sentence,
+            "prose": prose, "link": link, "sign": sign, "word": name_mark, "number": format_count, "sentence": sentence,
             "in_order": in_order, "outcome_sign": outcome_sign, "tone": tone,
         }  # fmt: skip
         self._environment.filters |= filters

@@ -15,7 +15,7 @@ from harness.judging.known_issues import Issue
 from harness.matrix.signatures import Signature
 from harness.model import Verdict
 from harness.model.measured import Measured
-from harness.model.report_types import CellEntry, word
+from harness.model.report_types import SYMBOLS, CellEntry, word
 from harness.model.vocabulary import required_name
 from harness.reports.answers import measured_cells
 from harness.reports.answers.measured_cells import CellResult
@@ -24,23 +24,33 @@ from harness.reports.site.site_sources import Source
 from harness.reports.tables.table_types import Row, Sheet
 from harness.standalone.versions import is_version
 
+LATER = re.compile(r"v\d+")
+"""A further version of an environment in a row of families."""
+
+DOUBTED = "doubted"
+"""Beside the verdicts: the combination works, but a known silent defect was not excluded."""
+
 NAME = re.compile(r"[A-Za-z0-9]([A-Za-z0-9._-]*[A-Za-z0-9])?")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class CellLink:
-    """A cell as other pages show it; `address` is empty if the site has no page of it."""
+    """A cell as other pages show it; `address` is empty if the site has no page of it.
+
+    A cell that works is `doubted` if a known silent defect was not excluded.
+    """
 
     id: str
     label: str
     matrix: str
     verdict: Verdict
     address: str
+    doubted: bool = False
 
     @property
     def word(self) -> str:
         """Return the verdict in readable words."""
-        return word(self.verdict)
+        return name_mark(DOUBTED) if self.doubted else word(self.verdict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +124,9 @@ class SiteFacts:
             return CellLink(id=cell_id, label=cell_id, matrix="", verdict=verdict, address="")
         entry = held[0][1]
         address = addresses.cell_page(cell_id, entry.matrix)
-        return CellLink(id=cell_id, label=entry.label, matrix=entry.matrix, verdict=entry.verdict, address=address)
+        doubted = mark_of(entry) == DOUBTED
+        return CellLink(id=cell_id, label=entry.label, matrix=entry.matrix, verdict=entry.verdict, address=address,
+                        doubted=doubted)  # fmt: skip
 
     def cell_links(self, ids: Iterable[str]) -> list[CellLink]:
         """Return cells as other pages show them, each once."""
@@ -133,10 +145,34 @@ class SiteFacts:
         """Return the address of the page of an environment id; empty if there is none."""
         return addresses.environment_page(name) if name and name in set(self.environments) else ""
 
+    def environment_links(self, names: str) -> list[tuple[str, str, str]]:
+        """Return the environments of a row of families as text, id and address: `Ant-v4, v5` has two."""
+        first, *others = names.split(", ")
+        stem = first.rpartition("-")[0]
+        if not all(map(LATER.fullmatch, others)):
+            first, others = names, []
+        ids = [(first, first), *((other, f"{stem}-{other}") for other in others)]
+        return [(text, name, self.environment_address(name)) for text, name in ids]
+
     def issues_of(self, package: str) -> Sequence[Issue]:
         """Return the known issues in which a package takes part."""
         issues = self.issues_with_cells.values()
         return [one for one in issues if package in set(map(required_name, one.packages))]
+
+
+def mark_of(entry: CellEntry) -> str:
+    """Return the verdict of a cell, or `doubted` if it works and a known silent defect was not excluded."""
+    return DOUBTED if entry.verdict is Verdict.WORKS and entry.doubts else str(entry.verdict)
+
+
+def sign(mark: str) -> str:
+    """Return the sign of a verdict or of `doubted`."""
+    return "✔?" if mark == DOUBTED else SYMBOLS[Verdict(mark)]
+
+
+def name_mark(mark: str) -> str:
+    """Return the readable words of a verdict or of `doubted`."""
+    return "works, in doubt" if mark == DOUBTED else word(mark)
 
 
 def _is_sound(result: CellResult) -> bool:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
-from packaging.requirements import Requirement
-from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
 from harness.judging.known_failures import select_counting
 from harness.model.report_types import REPAIR, SEVERITY, CellEntry, format_count
-from harness.model.vocabulary import CHANGING, parsed_requirement
-from harness.reports.tables import change_effects, fix_commands, verdict_reasons
+from harness.model.vocabulary import CHANGING
+from harness.reports.tables import change_effects, fix_commands, verdict_reasons, working_neighbours
 from harness.reports.tables.table_types import Cause, Explanation, Trouble
 
 NAMED = 2
@@ -69,7 +66,7 @@ def _trouble(reasons: Sequence[Reason], cells: Sequence[CellEntry], axes: Sequen
     proven = {cell.id for cell in group if (held := select_counting(cell)) and held[0].proof}
     cures = _cures(group, cells)
     found_out = bool(cures) and not proven
-    alone, together = ("", "") if proofs or cures else _neighbours(group, cells)
+    alone, together = ("", "") if proofs or cures else working_neighbours.find(group, cells)
     return Trouble(
         known=failure.signature if failure else "",
         cause=failure.cause if failure else expected.reason if expected else "",
@@ -110,47 +107,6 @@ def _cures(group: Iterable[CellEntry], cells: Iterable[CellEntry]) -> list[CellE
         if cell.change and cell.change.name == REPAIR and change_effects.works(cell)
         if (cell.base, cell.machine) in places
     ]
-
-
-def _neighbours(group: Iterable[CellEntry], cells: Sequence[CellEntry]) -> tuple[str, str]:
-    """Return the labels of two working cells that have the versions that the remedy of these asks for.
-
-    The first differs from one of these cells only in that, the second in more. Each is empty if there is none.
-    """
-    alone: list[tuple[Version, str]] = []
-    together: list[tuple[Version, str]] = []
-    for cell in group:
-        wanted = _wanted(next((one.remedy for one in select_counting(cell)), {}))
-        beside = (one for one in cells if wanted and one.base is None and one.machine == cell.machine)
-        for other in beside:
-            installed = other.installed or {}
-            if not other.good or not all(_has(installed, one) for one in wanted):
-                continue
-            names = {canonicalize_name(one.name) for one in wanted}
-            differing = {axis for axis in cell.axes if cell.axes[axis] != other.axes.get(axis)}
-            version = _parsed(installed[canonicalize_name(wanted[0].name)]) or Version("0")
-            if differing and differing <= names:
-                alone.append((version, other.label))
-            # An axis such as `bounds` may differ, too; another Python or package would be another explanation.
-            elif differing and not {"python", *installed, *(cell.installed or {})} & (differing - names):
-                together.append((version, other.label))
-    return max(alone, default=(None, ""))[1], max(together, default=(None, ""))[1]
-
-
-def _wanted(remedy: Mapping[str, Any]) -> list[Requirement]:
-    """Return the requirements of a remedy; empty if it asks for anything but versions of packages."""
-    if not {*remedy} <= {"text", "requirements", "constraints"}:
-        return []
-    try:
-        return [*map(parsed_requirement, (*remedy.get("requirements", ()), *remedy.get("constraints", ())))]
-    except ValueError:  # a report of others may hold anything
-        return []
-
-
-def _has(installed: Mapping[str, str], wanted: Requirement) -> bool:
-    version = installed.get(canonicalize_name(wanted.name))
-    # An installed pre-release counts: it is there, whatever a resolver would choose.
-    return version is not None and wanted.specifier.contains(version, prereleases=True)
 
 
 def _also(explanations: Iterable[Explanation]) -> Iterable[Cause]:

@@ -12,13 +12,13 @@ import pytest
 from specimens import quick_document
 
 from harness.__main__ import main
-from harness.model.report_types import DiagnosisEntry, Document
+from harness.model.report_types import CellEntry, DiagnosisEntry, Document
 from harness.reports import document
 from harness.reports.site import build_site
 
 EVIL = '<script>alert(1)</script>"><img src=x onerror=alert(2)>'
 CELL = "cells/quick/py3.9_gymnasium-0.29.1_mujoco-3.3.7.html"
-PNG = b"\x89PNG\r\n\x1a\n"
+PNG = b"\x89PNG\r\n\x1a\n" + b"\x00\x00\x00\x00IEND\xaeB`\x82"
 PINS = {"gymnasium": "1.2.3", "mujoco": "3.3.7", "numpy": "2.2.6"}
 LOCK = "".join(f"{name}=={version} \\\n    --hash=sha256:{'0' * 64}\n" for name, version in PINS.items())
 
@@ -170,6 +170,49 @@ def test_data_of_the_filters_follows_the_rows(site: Path) -> None:
     assert len(labels) == len(quick_document().cells) < len(rows)
 
 
+def test_each_figure_of_the_first_page_has_its_evidence(site: Path) -> None:
+    """It lies in a link, or in a line with one, and each link opens a page and an anchor that are there."""
+    bare, broken = [], []
+    for block, links in blocks(site / "index.html"):
+        if re.search(r"\d", block) and not links:
+            bare.append(block)
+        broken += [link for link in links if not opens(site, link)]
+    assert (bare, broken) == ([], [])
+
+
+def test_each_count_of_the_first_page_is_that_of_the_page_it_opens(site: Path) -> None:
+    """The number of a matrix and a verdict is the number of combinations that the page then lists."""
+    first = (site / "index.html").read_text(encoding="utf-8")
+    counts = re.findall(r'<a class="count" href="(matrices/\w+/)index.html#verdict=(\w+)">(\d+)</a>', first)
+    assert len(counts) > 1
+    for folder, verdict, number in counts:
+        data = (site / folder / "data.js").read_text(encoding="utf-8").removeprefix("window.MATRIX = ")
+        cells = json.loads(data.rstrip(";\n"))["cells"]
+        assert sum(cell["verdict"] == verdict for cell in cells) == int(number)
+
+
+def blocks(page: Path) -> list[tuple[str, list[str]]]:
+    """Return the text of each row, item and paragraph of a page, with the addresses of its links."""
+    parts = re.findall(r"<(tr|li|p)\b[^>]*>(.*?)</\1>", page.read_text(encoding="utf-8"), re.DOTALL)
+    found = []
+    for _, part in parts:
+        tags = Tags()
+        tags.feed(re.sub(r"<pre\b.*?</pre>", "", part, flags=re.DOTALL))
+        found.append((" ".join(tags.text.split()), [str(one["href"]) for tag, one in tags.tags if tag == "a"]))
+    return found
+
+
+def opens(site: Path, link: str) -> bool:
+    """Return whether a link of the first page opens a page that is there, and its anchor or a filter there."""
+    address, _, anchor = link.partition("#")
+    file = site / (address or "index.html")
+    if not file.is_file():
+        return False
+    ids = {attributes.get("id") for _, attributes in parse(file).tags}
+    filtered = address.startswith("matrices/") and anchor.startswith("verdict=")
+    return not anchor or anchor in ids or filtered
+
+
 def test_a_badge_is_beside_the_page(site: Path) -> None:
     """It says which releases work."""
     assert ">3.3.7<" in (site / "packages/mujoco/badge.svg").read_text(encoding="utf-8")
@@ -219,21 +262,28 @@ def test_files_of_others_are_not_copied(place: Path, path: str) -> None:
 # --- evidence that is missing ----------------------------------------------------------------------------------
 
 
-def test_missing_evidence_stands_on_its_page_alone(place: Path) -> None:
-    """The page names each file that is gone or damaged."""
-    report = quick_document()
+@pytest.mark.parametrize("content", [b"not a picture", PNG[:12], b""])
+def test_missing_evidence_stands_on_its_page_alone(place: Path, content: bytes) -> None:
+    """The page names each file that is gone, cut or something else; all pages are built."""
+    frame = "frames/ant.png"
+
+    def draw(cell: CellEntry) -> CellEntry:
+        cases = tuple(msgspec.structs.replace(case, frames=(frame,)) for case in cell.cases)
+        return msgspec.structs.replace(cell, cases=cases)
+
+    report = msgspec.structs.replace(quick_document(), cells=tuple(map(draw, quick_document().cells)))
     source = write(place / "report", report)
     cell = next(one for one in report.cells if CELL.endswith(f"{one.label}.html"))
     assert cell.lock
     (source / cell.lock).unlink()
-    frames = [frame for one in report.cells for case in one.cases for frame in case.frames]
-    for frame in frames:
-        (source / frame).write_bytes(b"not a picture")
+    (source / frame).write_bytes(content)
+    (source / "evidence.tar.xz").write_bytes(b"a cut pack")
 
     assert main(["site", str(source), "--out", "site"]) == 0
 
     text = " ".join(parse(place / "site" / CELL).text.split())
     assert f"{cell.lock}: there is no such file" in text
+    assert f"{frame}: it is damaged" in text
     assert len(list((place / "site/cells/quick").glob("*.html"))) == len(report.cells)
 
 
@@ -262,6 +312,9 @@ def test_a_source_that_is_no_report(place: Path, capsys: pytest.CaptureFixture[s
     (place / "list/report.json").write_text("[1]")
     assert refuse(["empty"], capsys).startswith("empty: no report.json here")
     assert refuse(["nowhere"], capsys).startswith("nowhere: no report.json here")
+    assert refuse(["list"], capsys).startswith("list/report.json")
+    content = document.encode(quick_document())
+    (place / "list/report.json").write_bytes(content[: len(content) // 2])
     assert refuse(["list"], capsys).startswith("list/report.json")
 
 

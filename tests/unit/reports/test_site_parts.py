@@ -88,7 +88,7 @@ def test_excuses_say_who_can_do_what() -> None:
     ("verdict", "who"),
     [
         (Verdict.UNAVAILABLE, "Somebody with another machine"),
-        (Verdict.INCONCLUSIVE, "The next who measures"),
+        (Verdict.INCONCLUSIVE, "Anyone who runs it again"),
         (Verdict.BROKEN, "Anyone"),
     ],
 )
@@ -124,6 +124,24 @@ def test_similar_issues() -> None:
     similar = issue_page.alike({str(one.id): one for one in shipped_signatures.load_all()})
     assert not [name for name, others in similar.items() if name in others]
     assert "gym021-wheel-invalid-requirement" in similar["gym021-extras-require-setuptools"]
+
+
+# --- families --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("row", "links"),
+    [
+        ("Ant-v4, v5", [("Ant-v4", "Ant-v4"), ("v5", "Ant-v5")]),
+        ("Ant-v4", [("Ant-v4", "Ant-v4")]),
+        ("dm_control:cheetah/run", [("dm_control:cheetah/run", "dm_control:cheetah/run")]),
+        ("odd, name", [("odd, name", "odd, name")]),
+    ],
+)
+def test_each_environment_of_a_row_is_a_link(row: str, links: list[tuple[str, str]]) -> None:
+    """Versions of an environment that behave alike share a row; each of them leads to its own page."""
+    named = facts(("works", "3.8.0", "2")).environment_links(row)
+    assert [(text, name) for text, name, _ in named] == links
 
 
 # --- streaks ---------------------------------------------------------------------------------------------------

@@ -4,7 +4,10 @@
 
 const MOST = 20;
 const LONGEST = 200000;
-const LISTED = 200; // rows of a list that are shown at once: a browser needs long for the layout of thousands
+// Rows and squares that are shown at once: a browser needs long for the layout of thousands.
+const LISTED = 60;
+const COLUMNS = 30;
+const SQUARES = 600;
 
 function make(tag, attributes, ...children) {
   const node = document.createElement(tag);
@@ -171,14 +174,22 @@ function setUpMatrix(root) {
   const data = window.MATRIX;
   const form = document.querySelector("[data-filters]");
   if (!data || !form) return;
-  const rows = [...document.querySelectorAll("[data-list] tbody tr")];
+  for (const cell of data.cells) {
+    cell.why = data.texts[cell.why];
+    cell.text = [cell.label, cell.why, cell.cause, ...cell.versions, ...cell.more.map((place) => data.texts[place])].join(" ").toLowerCase();
+  }
+  const list = document.querySelector("[data-list] tbody");
   const pivot = document.querySelector("[data-pivot]");
   const drawn = [...pivot.childNodes];
   const count = form.querySelector("[data-count]");
   let most = LISTED;
+  let whole = false;
   const more = make("button", { type: "button", hidden: "" });
   document.querySelector("[data-list]").after(more);
-  more.addEventListener("click", () => { most = rows.length; apply(); });
+  more.addEventListener("click", () => { most = data.cells.length; apply(); });
+  const wider = make("button", { type: "button", hidden: "" });
+  pivot.after(wider);
+  wider.addEventListener("click", () => { whole = true; apply(); });
   const values = (field) => [...new Set(data.cells.flatMap((cell) => cell[field]).filter(Boolean))].sort(compareVersions);
   const fill = (select, options, any) => {
     select.replaceChildren(...(any ? [make("option", { value: "" }, "any")] : []),
@@ -220,52 +231,64 @@ function setUpMatrix(root) {
     const words = form.elements.text.value.toLowerCase().split(/\s+/).filter(Boolean);
     const wanted = data.axes.map((axis) => form.elements[`axis.${axis}`].value);
     const field = Object.fromEntries(FIELDS.map((name) => [name, form.elements[name].value]));
-    return data.cells.map((cell) =>
+    return data.cells.filter((cell) =>
       (!field.verdict || cell.verdict === field.verdict) && (!field.phase || cell.phase === field.phase)
       && (!field.cause || cell.cause === field.cause) && (!field.family || cell.family.includes(field.family))
       && wanted.every((value, place) => !value || cell.axes[place] === value)
       && words.every((word) => cell.text.includes(word)));
   };
+  const named = (name, link) => (link && name ? make("a", { href: root + link }, name) : name);
+  const row = (cell) => make("tr", {},
+    make("td", { class: "nowrap" },
+      make("span", { class: `verdict ${cell.verdict}` }, make("span", { "aria-hidden": "true" }, data.signs[cell.verdict]),
+        ` ${data.words[cell.verdict]}${cell.phase ? ` in ${cell.phase}` : ""}`),
+      cell.expected === false ? ", not expected" : ""),
+    make("td", {}, named(cell.label, cell.link)),
+    make("td", { class: "why" }, cell.why),
+    make("td", {}, named(cell.cause, data.issues[cell.cause])),
+    make("td", {}, cell.tasks),
+    ...cell.versions.map((version) => make("td", {}, version)));
   const apply = () => {
     const shown = kept();
-    let total = 0;
-    shown.forEach((good, place) => {
-      total += good;
-      const visible = good && total <= most;
-      if (rows[place].hidden === visible) rows[place].hidden = !visible;
-    });
-    count.textContent = `${total} of ${rows.length} combinations`;
+    const total = shown.length;
+    list.replaceChildren(...shown.slice(0, most).map((cell) => cell.row ??= row(cell)));
+    count.textContent = `${total} of ${data.cells.length} combinations`;
     more.hidden = total <= most;
     more.textContent = `The first ${most} of ${total} are listed. List all`;
-    const plainView = total === rows.length && form.elements.rows.value === data.pivot[0] && form.elements.columns.value === data.pivot[1];
-    pivot.replaceChildren(...(plainView && drawn.length > 1 ? drawn : [table(shown)]));
+    const plainView = total === data.cells.length && form.elements.rows.value === data.pivot[0] && form.elements.columns.value === data.pivot[1];
+    if (plainView && drawn.length > 1) {
+      wider.hidden = true;
+      if (pivot.firstChild !== drawn[0]) pivot.replaceChildren(...drawn);
+    } else pivot.replaceChildren(table(shown));
   };
-  const table = (shown) => {
+  const table = (cells) => {
     const [down, across] = [form.elements.rows.value, form.elements.columns.value];
     const [row, column] = [data.axes.indexOf(down), data.axes.indexOf(across)];
-    const cells = data.cells.filter((cell, place) => shown[place]);
     const names = (place) => [...new Set(cells.map((cell) => cell.axes[place]))].sort(compareVersions);
-    const squares = new Map();
+    const [allRows, allColumns] = [names(row), names(column)];
+    const columns = whole ? allColumns : allColumns.slice(0, COLUMNS);
+    const rows = whole ? allRows : allRows.slice(0, Math.max(1, Math.floor(SQUARES / columns.length)));
+    wider.hidden = rows.length === allRows.length && columns.length === allColumns.length;
+    wider.textContent = `${rows.length} of ${allRows.length} rows and ${columns.length} of ${allColumns.length} columns are shown. Show all`;
+    const lines = new Map(rows.map((name) => [name, new Map(columns.map((other) => [other, new Map()]))]));
     for (const cell of cells) {
-      const key = JSON.stringify([cell.axes[row], cell.axes[column]]);
-      if (!squares.has(key)) squares.set(key, new Map());
-      const square = squares.get(key);
+      const square = lines.get(cell.axes[row])?.get(cell.axes[column]);
+      if (!square) continue;
       if (!square.has(cell.verdict)) square.set(cell.verdict, []);
       square.get(cell.verdict).push(cell);
     }
-    const columns = names(column);
-    const lines = names(row).map((name) => make("tr", {}, make("th", { scope: "row" }, name), ...columns.map((other) => {
-      const square = squares.get(JSON.stringify([name, other])) || new Map();
-      return make("td", {}, ...[...square].map(([verdict, held]) => make("a", {
-        class: `square ${verdict}`,
-        title: data.words[verdict],
-        href: held.length === 1 ? root + held[0].link : `#${new URLSearchParams([["rows", down], ["columns", across], [`axis.${down}`, name], [`axis.${across}`, other], ["verdict", verdict]])}`,
-      }, `${data.signs[verdict]}${held.length > 1 ? ` ${held.length}` : ""}`, make("span", { class: "hide" }, ` ${data.words[verdict]}`))));
-    })));
+    const link = (name, other, verdict) => `#${new URLSearchParams([["rows", down], ["columns", across], [`axis.${down}`, name], [`axis.${across}`, other], ["verdict", verdict]])}`;
+    const square = (name, other, verdict, held) => make("a", {
+      class: `square ${verdict}`,
+      title: data.words[verdict],
+      href: held.length === 1 ? root + held[0].link : link(name, other, verdict),
+    }, `${data.signs[verdict]}${held.length > 1 ? ` ${held.length}` : ""}`, make("span", { class: "hide" }, ` ${data.words[verdict]}`));
+    const body = [...lines].map(([name, squares]) => make("tr", {}, make("th", { scope: "row" }, name),
+      ...[...squares].map(([other, verdicts]) => make("td", {}, ...[...verdicts].map(([verdict, held]) => square(name, other, verdict, held))))));
     return make("table", { class: "pivot" },
       make("caption", {}, `Rows: ${down}. Columns: ${across}. A number counts combinations, variants and repairs among them.`),
       make("thead", {}, make("tr", {}, make("th", { scope: "col" }, `${down} ╲ ${across}`), ...columns.map((name) => make("th", { scope: "col" }, name)))),
-      make("tbody", {}, ...lines));
+      make("tbody", {}, ...body));
   };
   const changed = () => {
     const hash = state();
