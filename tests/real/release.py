@@ -25,8 +25,8 @@ def run(*command: str | Path, home: Path | None = None) -> str:
     """Run a command, in an empty home and with an almost empty environment if `home` is given; return its stdout."""
     env = None
     if home:
-        kept = {name: value for name, value in os.environ.items() if name.startswith(NEEDED)}
-        env = kept | {"HOME": str(home), "COLUMNS": "80", "PIPX_HOME": str(home / "pipx"), "UV_TOOL_DIR": str(home)}
+        passed = {name: value for name, value in os.environ.items() if name.startswith(NEEDED)}
+        env = passed | {"HOME": str(home), "COLUMNS": "80", "PIPX_HOME": str(home / "pipx"), "UV_TOOL_DIR": str(home)}
     done = subprocess.run([*map(str, command)], cwd=home, env=env, stdout=subprocess.PIPE, text=True, check=False)
     if done.returncode:
         sys.exit(f"{' '.join(map(str, command))}: exit {done.returncode}\n{done.stdout}")
