@@ -21,18 +21,28 @@ from harness.reports import document, expectation_writer, publishing
 from harness.running import open_matrix
 from harness.running.signatures import shipped_signatures
 
-HELP = "Write expectations for cells that are red now, each with its reason, into the matrix file."
+HELP = (
+    "Write an expectation for each combination that fails now into the matrix file, with your reason. From then on,"
+    " only another result is reported as unexpected."
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `accept`."""
     arguments.matrix(parser)
-    parser.add_argument("-k", metavar="GLOB", required=True, help="cells whose id matches, e.g. '*mujoco4*'")
-    parser.add_argument("--reason", metavar="TEXT", required=True, type=_reason, help="why they are red")
-    parser.add_argument("--until", metavar="DATE", type=_until, help="when the expectation is out of date [never]")
-    parser.add_argument("--link", metavar="URL", help="where more is said of it")
-    parser.add_argument("--report", metavar="SOURCE", help="a report.json or its folder [what was measured here]")
-    parser.add_argument("--dry-run", action="store_true", help="print the tables, and write nothing")
+    parser.add_argument("-k", metavar="GLOB", required=True, help="combinations whose id matches, such as '*mujoco-4*'")
+    parser.add_argument("--reason", metavar="TEXT", required=True, type=_reason, help="why they fail")
+    parser.add_argument(
+        "--until",
+        metavar="DATE",
+        type=_until,
+        help="day after which the expectation is out of date, such as 2027-01-31 (default: never)",
+    )
+    parser.add_argument("--link", metavar="URL", help="a page about the failure")
+    parser.add_argument(
+        "--report", metavar="SOURCE", help="a report.json or its folder (default: results of this machine)"
+    )
+    parser.add_argument("--dry-run", action="store_true", help="print the expectations, and write nothing")
 
 
 def main(args: argparse.Namespace) -> int:

@@ -31,7 +31,9 @@ from harness.running.open_matrix import REUSED_FOR_HOURS
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options that describe the combination to try."""
-    parser.add_argument("requirements", metavar="REQUIREMENT", nargs="*", help="such as 'gymnasium[mujoco]==1.2.3'")
+    parser.add_argument(
+        "requirements", metavar="REQUIREMENT", nargs="*", help="a requirement such as 'gymnasium[mujoco]==1.2.3'"
+    )
     parser.add_argument(
         "-r",
         dest="files",
@@ -39,18 +41,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         action="append",
         default=[],
-        help="requirements.txt, pyproject.toml, pylock.toml or environment.yml",
+        help="requirements.txt, pyproject.toml, pylock.toml or environment.yml; may be repeated",
     )
-    parser.add_argument("--subject", metavar="PATH", help="put this project, wheel or git+ADDRESS@REFERENCE on top")
-    parser.add_argument("--extra", metavar="NAME", action="append", default=[], help="an extra of the pyproject.toml")
-    parser.add_argument("--group", metavar="NAME", action="append", default=[], help="a group of the pyproject.toml")
-    parser.add_argument("--python", metavar="V", help="version, `host` or path [the active environment's, or newest]")
-    parser.add_argument("--env", metavar="ID", action="append", default=[], help="an environment id; may be repeated")
-    parser.add_argument("--api", metavar="A", help="the API that the environments speak")
     parser.add_argument(
-        "--import", dest="imports", metavar="MODULE", action="append", default=[], help="a module to import first"
+        "--subject", metavar="PATH", help="also install this project: a folder, a wheel or git+URL@REFERENCE"
     )
-    parser.add_argument("--set", metavar="N=V", action="append", default=[], help="an environment variable of the cell")
+    parser.add_argument(
+        "--extra", metavar="NAME", action="append", default=[], help="an extra of the pyproject.toml; may be repeated"
+    )
+    parser.add_argument(
+        "--group",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="a dependency group of the pyproject.toml; may be repeated",
+    )
+    parser.add_argument(
+        "--python",
+        metavar="V",
+        help="a version, a path, or `host` (default: that of the active environment, or the newest)",
+    )
+    parser.add_argument(
+        "--env",
+        metavar="ID",
+        action="append",
+        default=[],
+        help="an environment to run, such as Ant-v5; may be repeated",
+    )
+    parser.add_argument("--api", metavar="A", help="API of the environments, such as gym (default: found by their ids)")
+    parser.add_argument(
+        "--import",
+        dest="imports",
+        metavar="MODULE",
+        action="append",
+        default=[],
+        help="import this module before an environment is made; may be repeated",
+    )
+    parser.add_argument(
+        "--set", metavar="N=V", action="append", default=[], help="set an environment variable; may be repeated"
+    )
     for option, meaning in RESOLVER_OPTIONS.items():
         parser.add_argument(option, metavar="R", action="append", default=[], help=meaning)
     parser.add_argument(
@@ -60,20 +89,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         const=EVERY,
         default=[],
-        help="repair releases that no resolver accepts: of this package, or of every one that has a recipe",
+        help="patch releases with invalid metadata: of PACKAGE, or of all packages that have a recipe",
     )
-    parser.add_argument("--as-of", metavar="INSTANT", help="resolve as the index stood then (UTC), e.g. 2024-01-31")
-    parser.add_argument("--torch-backend", metavar="B", default="cpu", help="uv's: cpu, auto, cu126, ... [%(default)s]")
+    parser.add_argument(
+        "--as-of", metavar="INSTANT", help="resolve as the package index stood then (UTC), such as 2024-01-31"
+    )
+    parser.add_argument(
+        "--torch-backend",
+        metavar="B",
+        default="cpu",
+        help="build of PyTorch: cpu, auto, cu126, ... (default: %(default)s)",
+    )
 
 
 EVERY = ":all:"
 """What `--overlay` means that names no package."""
 
 RESOLVER_OPTIONS = {
-    "--constraint": "bound a package without asking for it",
-    "--override": "replace what other packages say of this one",
-    "--build-constraint": "bound what sdists are built with",
-    "--only-binary": "never build this package from source (`:all:` for every one)",
+    "--constraint": "limit the versions of a package if something needs it",
+    "--override": "replace the requirements of all packages for this one",
+    "--build-constraint": "limit the versions of build tools of source distributions",
+    "--only-binary": "never build this package from source; `:all:`: no package",
 }
 
 

@@ -27,8 +27,9 @@ from harness.running import open_matrix
 from harness.standalone.output import print_json
 
 HELP = (
-    "Start in somebody's project: write a first matrix, a nox session and a GitHub workflow. With --from, the matrix is"
-    " what a workflow really installs, and what it claims but never installs is listed."
+    "Write a first matrix, a nox session and a GitHub workflow for a project. With --from, the matrix has the"
+    " combinations that an existing workflow installs. Versions that the project allows, but the workflow never"
+    " installs, are listed. Existing files are kept."
 )
 
 NOX_LINES = """\
@@ -60,14 +61,29 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `init`."""
-    parser.add_argument("folder", metavar="FOLDER", nargs="?", type=Path, default=Path(), help="of the project [here]")
-    parser.add_argument("--from", dest="workflow", type=Path, metavar="WORKFLOW", help="a workflow file of GitHub")
-    parser.add_argument("--name", help="of the matrix [the project's]")
     parser.add_argument(
-        "--offline", action="store_true", help="never ask the index; ranges wait, and so do environments"
+        "folder",
+        metavar="FOLDER",
+        nargs="?",
+        type=Path,
+        default=Path(),
+        help="folder of the project (default: the working folder)",
     )
-    parser.add_argument("--install", metavar="WORDS", help="what pip installs in the workflow [this simmatrix]")
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+    parser.add_argument(
+        "--from",
+        dest="workflow",
+        type=Path,
+        metavar="WORKFLOW",
+        help="an existing GitHub workflow, such as .github/workflows/ci.yml",
+    )
+    parser.add_argument("--name", metavar="NAME", help="name of the matrix (default: name of the project)")
+    parser.add_argument(
+        "--offline", action="store_true", help="never ask the package index; version ranges and environments stay open"
+    )
+    parser.add_argument(
+        "--install", metavar="WORDS", help="what pip installs in the workflow (default: this simmatrix)"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 @dataclass

@@ -23,7 +23,7 @@ from harness.reports.answers.recommended_text import wrap_line
 from harness.running.signatures import issue_texts
 from harness.standalone.output import print_json
 
-HELP = "List the packages that were measured and the issues that are known, or open one of them."
+HELP = "List all measured packages and all known issues. With a name, show that package or that issue."
 
 
 class PackageEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -47,8 +47,10 @@ class KnownDocument(msgspec.Struct, frozen=True, kw_only=True):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `known`."""
-    parser.add_argument("name", metavar="PACKAGE|SIGNATURE", nargs="?", help="a package, or the id of a known issue")
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+    parser.add_argument(
+        "name", metavar="PACKAGE|SIGNATURE", nargs="?", help="a package, or the id of a known issue (default: list all)"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:

@@ -31,9 +31,9 @@ from harness.running.scheduler import QuietObserver
 from harness.standalone.output import print_json
 
 HELP = (
-    "Find the smallest change that turns a red cell green, and prove it by a rerun. The cell is one of a matrix"
-    " (MATRIX/LABEL), or what `try` would try. Exits with 0 where a remedy was found (or none is needed), 1 where none"
-    " was, 3 where it cannot be told here."
+    "Find the smallest change that makes a combination work, and verify it by a new measurement. Name a combination of"
+    " a matrix by its id, or describe one with the requirements and options of `simmatrix try`. Known fixes are tried"
+    " first, then earlier releases."
 )
 CODES = {Status.FOUND: 0, Status.GREEN: 0, Status.NOT_FOUND: 1, Status.STOPPED: 1, Status.UNTOLD: 3}
 RUNS, MINUTES = 40, 15.0
@@ -44,20 +44,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     ad_hoc_cell.add_arguments(parser)
     add_bounds(parser)
     arguments.offline(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where lock and proof go [.harness/repairs/CELL]")
-    parser.add_argument("--json", action="store_true", help="print the proof as JSON, and nothing else, on stdout")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="write lock and proof to this folder (default: .harness/repairs/CELL)"
+    )
+    parser.add_argument("--json", action="store_true", help="print the proof as JSON on stdout, and nothing else")
 
 
 def add_bounds(parser: argparse.ArgumentParser) -> None:
     """Add the options that limit the search: `--runs` and `--minutes`."""
-    runs, minutes = "cells to measure at most [%(default)s]", "minutes to take at most [%(default)g]"
+    runs, minutes = (
+        "measure at most N combinations (default: %(default)s)",
+        "stop after M minutes (default: %(default)g)",
+    )
     parser.add_argument("--runs", type=_positive, default=RUNS, metavar="N", help=runs)
     parser.add_argument("--minutes", type=float, default=MINUTES, metavar="M", help=minutes)
 
 
 def _positive(text: str) -> int:
     if not text.isdigit() or not int(text):
-        message = f"{text!r} is no number of runs, such as 40"
+        message = f"{text!r} is not a number of combinations; write one such as 40"
         raise argparse.ArgumentTypeError(message)
     return int(text)
 

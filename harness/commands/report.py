@@ -21,7 +21,8 @@ from harness.reports.text import family_markdown, github_annotations, report_mar
 from harness.standalone.output import print_json
 
 HELP = (
-    "Make tables of stored results again: of a report.json, of the folder that holds one, or of a matrix that was run."
+    "Print or write the tables of stored results: of a report.json, of a folder that holds one, or of a matrix that was"
+    " measured here or comes with simmatrix. Nothing is measured."
 )
 
 FORMATS = ("terminal", "md", "json", "table", "github", "github-summary")
@@ -30,19 +31,25 @@ NAME = "report.json"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `report`."""
-    parser.add_argument("sources", metavar="SOURCE", nargs="*", help="file, folder or matrix [every matrix run here]")
+    parser.add_argument(
+        "sources",
+        metavar="SOURCE",
+        nargs="*",
+        help="a report.json, its folder, or a matrix (default: every matrix measured here)",
+    )
     parser.add_argument("--format", type=_formats, default=None, metavar="KINDS",
-                        help=f"comma-separated, of {', '.join(FORMATS)} [terminal; md,json with --out]")  # fmt: skip
-    parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the small table, down and across")
+                        help=f"print these formats: {', '.join(FORMATS)}; separate with commas (default: terminal;"
+                             " with --out: md,json)")  # fmt: skip
+    parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table: rows, columns")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write report.md and report.json into this folder")
-    parser.add_argument("--into", type=Path, metavar="FILE", help="make the tables again that a Markdown file holds")
+    parser.add_argument("--into", type=Path, metavar="FILE", help="update the tables inside this Markdown file")
     parser.add_argument("--judge-again", action="store_true",
-                        help="judge reports again from the evidence that lies next to them, and say what is altered:"
-                             " nothing is measured")  # fmt: skip
+                        help="judge reports again, from the stored evidence next to them and the current list of"
+                             " known issues; print what changes")  # fmt: skip
     parser.add_argument("--write", action="store_true",
-                        help="with --judge-again: write the reports as they are judged now")  # fmt: skip
+                        help="with --judge-again: write the changed reports")  # fmt: skip
     arguments.fail_on(parser)
-    parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:

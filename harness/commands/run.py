@@ -22,32 +22,43 @@ from harness.running import open_matrix, remedy_trials, scheduler, shards
 from harness.running.offline import offline_bundle
 from harness.running.signatures import shipped_signatures
 
-HELP = "Lock, build, install, probe and report every cell of one or more matrices; what was measured before is reused."
+HELP = (
+    "Measure every combination of one or more matrices: lock, build, install, test and report. Earlier results are"
+    " reused. A run that was interrupted continues where it stopped. The report is written to"
+    " .harness/reports/MATRIX."
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `run`."""
-    parser.add_argument("matrices", metavar="MATRIX", nargs="+", help="a matrix file, or the name of a built-in one")
+    parser.add_argument("matrices", metavar="MATRIX", nargs="+", help="a matrix file, or the name of a built-in matrix")
     arguments.jobs(parser)
-    parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches, e.g. '*mujoco-3*'")
+    parser.add_argument("-k", metavar="GLOB", help="only combinations whose id matches, such as '*mujoco-3*'")
     arguments.shard(parser)
     arguments.durations(parser)
     parser.add_argument("--only-failed", action="store_true",
-                        help="only cells that were red or inconclusive here the last time; their failures are "
-                        "measured again")  # fmt: skip
-    parser.add_argument("--until", choices=UNTIL, default=UNTIL[-1], help="stop after this phase")
-    parser.add_argument("--fresh", action="store_true", help="measure everything again, with the locks that are there")
+                        help="measure again only what failed or was inconclusive here the last time")  # fmt: skip
+    parser.add_argument("--until", choices=UNTIL, default=UNTIL[-1], metavar="PHASE",
+                        help=f"stop after this phase: {', '.join(UNTIL)} (default: {UNTIL[-1]})")  # fmt: skip
+    parser.add_argument("--fresh", action="store_true", help="ignore earlier results; locks are kept")
     arguments.offline(parser)
-    parser.add_argument("--fetched", type=Path, metavar="DIR", help="run from a folder of `fetch`, without network")
+    parser.add_argument(
+        "--fetched",
+        type=Path,
+        metavar="DIR",
+        help="measure from a folder that `simmatrix fetch` wrote, without network",
+    )
     arguments.verify(parser)
     parser.add_argument("--prove", action="store_true",
-                        help="after all others, run red cells with the remedies of their known failures")  # fmt: skip
+                        help="then measure failed combinations again, with fixes of their known issues")  # fmt: skip
     parser.add_argument("--repair", action="store_true",
-                        help="after all others, look for what cures each red cell, once per cause")  # fmt: skip
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/reports/MATRIX]")
+                        help="then search for a fix of each failed combination, once per cause")  # fmt: skip
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="write the report to this folder (default: .harness/reports/MATRIX)"
+    )
     arguments.fail_on(parser)
-    parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table")
-    parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
+    parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table: rows, columns")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON on stdout, and nothing else")
 
 
 UNTIL = tuple(phase.value for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHASES, Phase.SUITE))

@@ -34,7 +34,10 @@ from harness.running.signatures import shipped_signatures
 from harness.standalone.failures.remedies import in_words
 from harness.standalone.output import print_json
 
-HELP = "Show everything known of one cell: versions, phases, checks, the line that says why, its log and its lock."
+HELP = (
+    "Show everything known about one combination: versions, phases, checks, the line that shows why it failed, its log"
+    " and its lock. Results that come with simmatrix are included."
+)
 
 TAIL = 15
 """Lines of the log that are shown."""
@@ -42,12 +45,18 @@ TAIL = 15
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `show`."""
-    parser.add_argument("cell", metavar="CELL", help="a cell's id, or a glob that matches one: '*mujoco-3.3*'")
+    parser.add_argument("cell", metavar="CELL", help="id of a combination, or a glob that matches one: '*mujoco-3.3*'")
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true", help="print it as a report document, and nothing else, on stdout")
+    form.add_argument(
+        "--json", action="store_true", help="print a report of this combination as JSON on stdout, and nothing else"
+    )
     parser.add_argument("--lock-out", type=Path, metavar="FILE",
-                        help="write its lock, and patched wheels that it needs next to it")  # fmt: skip
-    form.add_argument("--issue", action="store_true", help="print a red cell as a redacted report for its upstream")
+                        help="write the lock, with the patched wheels that it needs next to it")  # fmt: skip
+    form.add_argument(
+        "--issue",
+        action="store_true",
+        help="print a failure as an issue for the package's maintainers, without private data",
+    )
 
 
 def main(args: argparse.Namespace) -> int:

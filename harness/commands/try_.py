@@ -17,16 +17,19 @@ from harness.running import scheduler
 from harness.running.signatures import shipped_signatures
 from harness.standalone.output import print_json
 
-HELP = "Try one combination of requirements: lock, install, and run environments in it."
+HELP = (
+    "Measure one combination of requirements: lock it, install it and run environments in it. Nothing of your own"
+    " environment is changed."
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `try`."""
     ad_hoc_cell.add_arguments(parser)
-    parser.add_argument("--fresh", action="store_true", help="resolve and measure again")
+    parser.add_argument("--fresh", action="store_true", help="ignore earlier results: resolve and measure again")
     arguments.offline(parser)
     arguments.verify(parser)
-    parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:

@@ -26,9 +26,9 @@ from .log_excerpt import Excerpt
 UNKNOWN, BAD, INTERRUPTED = 1, 2, 130
 PINNED = re.compile(r"[A-Za-z0-9][\w.\[\],-]*\s*[=<>~!]")
 HELP = (
-    "Explain a failure from what was written of it: cause, remedy, reference, and what to type next. A FILE, or - for"
-    " stdin; or, after --, a command, which is run as it stands, and explained where it fails. Exits with 1 where the"
-    " cause is unknown; around a command with the command's own code."
+    "Explain a failure: its cause, the fix, a reference, and the command to type next. Give a log file, `-` to read"
+    " standard input, or a command after `--`. The command runs as usual; if it fails, the explanation follows its"
+    " output."
 )
 
 
@@ -48,9 +48,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.usage = (
         "%(prog)s [--python PATH] [--json] [FILE | -]\n       %(prog)s [--python PATH] [--json] -- COMMAND..."
     )
-    parser.add_argument("file", metavar="FILE", nargs="?", help="a log, traceback or notebook's output; - for stdin")
-    parser.add_argument("--python", metavar="PATH", help="the interpreter, or environment, that it failed in")
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+    parser.add_argument(
+        "file",
+        metavar="FILE",
+        nargs="?",
+        help="a log, a traceback or the output of a notebook cell; `-`: standard input",
+    )
+    parser.add_argument("--python", metavar="PATH", help="the interpreter or environment in which it failed")
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 def split(arguments: Sequence[str]) -> Tuple[List[str], Optional[List[str]]]:
