@@ -80,6 +80,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--set", metavar="N=V", action="append", default=[], help="set an environment variable; may be repeated"
     )
+    _add_resolver_options(parser)
+
+
+def _add_resolver_options(parser: argparse.ArgumentParser) -> None:
     for option, meaning in RESOLVER_OPTIONS.items():
         parser.add_argument(option, metavar="R", action="append", default=[], help=meaning)
     parser.add_argument(

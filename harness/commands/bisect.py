@@ -23,7 +23,6 @@ from harness.model.schema import locate_errors
 from harness.model.vocabulary import PackageName
 from harness.probes import array_files
 from harness.probes.vault import Vault
-from harness.reports import publishing
 from harness.reports.answers import result_index
 from harness.reports.text import progress
 from harness.rootcause import search_documents
@@ -130,8 +129,8 @@ def main(args: argparse.Namespace) -> int:
     if interpreter is None:
         raise CouldNotTell(interpreters.hint(cell.python))
     with (
-        progress.Progress(0, 1, publishing.headline) as board,
-        Bench(opened, settings, scheduler.QuietObserver(board), Bounds(runs=args.runs, minutes=args.minutes)) as bench,
+        progress.SearchProgress(args.runs, args.minutes) as board,
+        Bench(opened, settings, board, Bounds(runs=args.runs, minutes=args.minutes)) as bench,
     ):
         if args.behaves:
             cell, behaves = _behaviour(args, cell, opened, settings, bench.observer)

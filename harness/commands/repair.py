@@ -17,7 +17,6 @@ from harness.machine.store import Store
 from harness.model import Cell, CellRecord
 from harness.model.cellid import CellId
 from harness.model.errors import BadInput
-from harness.reports import publishing
 from harness.reports.text import progress
 from harness.rootcause import search_documents
 from harness.rootcause.bench import Bounds
@@ -27,7 +26,6 @@ from harness.rootcause.repair.lab import Lab
 from harness.rootcause.repair.proofs import RepairDocument
 from harness.rootcause.repair.repairing import RepairResult, Search, Status
 from harness.running import open_matrix, scheduler
-from harness.running.scheduler import QuietObserver
 from harness.standalone.output import print_json
 
 HELP = (
@@ -79,7 +77,7 @@ def main(args: argparse.Namespace) -> int:
     opened = store.open_store()
     settings = scheduler.Settings(offline=args.offline)
     bounds = Bounds(runs=args.runs, minutes=args.minutes)
-    with progress.Progress(0, 1, publishing.headline) as board:
+    with progress.SearchProgress(args.runs, args.minutes) as board:
         if given is None:
             base = find_cell.find("repair", args.requirements[0], opened, offline=args.offline)[1]
         else:
@@ -141,7 +139,7 @@ def _lab(base: Cell, opened: Store, settings: scheduler.Settings, bounds: Bounds
         base=base,
         store=opened,
         settings=settings,
-        observer=QuietObserver(board),
+        observer=board,
         bounds=bounds,
         recipes=open_matrix.recipes(Path("matrices")) | open_matrix.recipes(Path()),
     )

@@ -92,7 +92,8 @@ def main(args: argparse.Namespace) -> int:
     opened = store.open_store()
     plans = [open_matrix.set_instant(plan, opened, fetched=layer, offline=settings.offline) for plan in planned]
     chosen = _chosen(args, plans, opened, layer)
-    with progress.Progress(len(chosen), settings.jobs, publishing.headline) as board:
+    earlier = partial(_earlier_seconds, args.matrices, plans, chosen, opened)
+    with progress.Progress(len(chosen), settings.jobs, publishing.headline, earlier) as board:
         records = scheduler.run(chosen, opened, settings, board)
     if args.prove:
         plans, more = _run_remedies(plans, records, opened, settings)
@@ -125,7 +126,7 @@ def _run_repairs(
     """Search for a repair of each red cell. Return the plans with the repaired cells, and their records."""
     from harness.commands import repair  # noqa: PLC0415 - start-up
 
-    with progress.Progress(0, 1, publishing.headline) as board:
+    with progress.SearchProgress() as board:
         more = repair.repair_all(records, opened, settings, board)
     cells = [record.cell for record in more]
     return [remedy_trials.add(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
@@ -150,6 +151,14 @@ def _chosen(
         if not cells:
             tell("nothing failed: no cell was inconclusive or unexpected when it was last run")
     return cells
+
+
+def _earlier_seconds(
+    names: Sequence[str], plans: Sequence[Plan], cells: Sequence[Cell], opened: store.Store
+) -> dict[str, float]:
+    """Return the seconds that cells took before, by id: here, else where the committed report was measured."""
+    seconds = _committed(names, plans) | {record.cell.id: record.seconds for record in opened.cells() if record.seconds}
+    return {cell.id: seconds[cell.id] for cell in cells if cell.id in seconds}
 
 
 def _committed(names: Sequence[str], plans: Sequence[Plan]) -> dict[str, float]:
