@@ -57,9 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a dependency group of the pyproject.toml; may be repeated",
     )
     parser.add_argument(
-        "--python",
-        metavar="V",
-        help="a version, a path, or `host` (default: that of the active environment, or the newest)",
+        "--python", metavar="V", help="a version, a path, or `host` (default: of the active environment, or the newest)"
     )
     parser.add_argument(
         "--env",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ from harness.judging.assess import assess
 from harness.machine import store
 from harness.machine.console import tell
 from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
-from harness.model.errors import BadInput
+from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import format_count
 from harness.reports import publishing
 from harness.reports.answers import misspelt
@@ -157,7 +158,10 @@ def _earlier_seconds(
     names: Sequence[str], plans: Sequence[Plan], cells: Sequence[Cell], opened: store.Store
 ) -> dict[str, float]:
     """Return the seconds that cells took before, by id: here, else where the committed report was measured."""
-    seconds = _committed(names, plans) | {record.cell.id: record.seconds for record in opened.cells() if record.seconds}
+    seconds: dict[str, float] = {}
+    with contextlib.suppress(HarnessError):  # a report that cannot be read is no reason to measure nothing
+        seconds |= _committed(names, plans)
+    seconds |= {record.cell.id: record.seconds for record in opened.cells() if record.seconds}
     return {cell.id: seconds[cell.id] for cell in cells if cell.id in seconds}
 
 
