@@ -103,7 +103,10 @@ def _load_entries(plan: Plan) -> dict[str, list[CellEntry]]:
     here = this_machine.facts()
     records = [record for cell in dated.cells if (record := publishing.load_record(opened, here.id, cell))]
     if not records:
-        message = f"{plan.matrix}: nothing of it was measured here; run it first, or name a report.json with --report"
+        message = (
+            f"{plan.matrix}: it has no results on this machine; run `simmatrix run` first, or name a "
+            "report.json with --report"
+        )
         raise BadInput(message)
     causes = shipped_signatures.load_knowledge(opened.folder)
     return _by_id(document.build(records, [dated], {here.id: here.facts}, store.now(), knowledge=causes).cells)
@@ -121,7 +124,7 @@ def _read_entries(source: str, plan: Plan) -> dict[str, list[CellEntry]]:
         # An id is not enough: after a change of the matrix it may belong to a cell that asks for something else.
         identity = (dict(cell.axes), cell.python, dict(cell.environment), mark(cell))
         if identity != (entry.axes, entry.requested_python, entry.environment, entry.asked):
-            message = f"{path}: {entry.id} was another cell then; measure the matrix as it is now"
+            message = f"{path}: {entry.id} has changed in the matrix since; measure it again"
             raise BadInput(message)
     if not entries:
         message = f"{path}: has no cell of {plan.matrix}"
@@ -139,9 +142,9 @@ def _by_id(entries: Sequence[CellEntry]) -> dict[str, list[CellEntry]]:
 def _standing(chosen: Sequence[Cell], entries: dict[str, list[CellEntry]]) -> str:
     decided_count = sum(any(entry.verdict not in UNTOLD for entry in entries.get(cell.id, ())) for cell in chosen)
     untold = len(chosen) - decided_count
-    rest = f"; of {format_count(untold, 'cell')} nothing is known" if untold else ""
-    verb = "works or is" if decided_count == 1 else "work or are"
-    return f"{format_count(decided_count, 'cell')} of these {verb} red as expected{rest}"
+    rest = f"; {format_count(untold, 'combination')} without a result" if untold else ""
+    verb = "works or fails" if decided_count == 1 else "work or fail"
+    return f"{format_count(decided_count, 'combination')} {verb} as expected{rest}"
 
 
 # --- what the user gave ----------------------------------------------------------------------------------------
@@ -158,7 +161,7 @@ def _editable(name: str) -> Path:
 
 def _reason(text: str) -> str:
     if not text.strip():
-        message = "say why these cells are red"
+        message = "give the reason why these combinations fail"
         raise argparse.ArgumentTypeError(message)
     return text.strip()
 
@@ -170,6 +173,6 @@ def _until(text: str) -> str:
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     if instant < store.now():
-        message = f"{text} has passed already"
+        message = f"{text} has passed already; name a later day"
         raise argparse.ArgumentTypeError(message)
     return text

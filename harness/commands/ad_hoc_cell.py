@@ -133,7 +133,7 @@ class CellInputs:
 
 
 def read(args: argparse.Namespace) -> CellInputs:
-    """Read the files. Print a note for each part that is not modelled, or read unlike pip. Raises BadInput."""
+    """Read the files. Print a note for each part that is not supported, or read unlike pip. Raises BadInput."""
     tested = _subject(args) if args.subject else None
     of_files = ([], []) if tested else (args.extra, args.group)
     given = inputs.read(args.files, extras=of_files[0], groups=of_files[1])
@@ -191,8 +191,8 @@ def _detect_api(options: plan.TrialOptions, cell: Cell, python: str, runner: sch
     brought = [api for api in (GYMNASIUM, GYM) if lock and api in lock.versions]
     if lock and not brought:
         message = (
-            f"--env {env}: nothing that is asked for brings {' or '.join(FAMILY)}; name one of them, too, "
-            f"or what it speaks with --api ({', '.join(api for api in APIS if api not in FAMILY)}); {OWN}"
+            f"--env {env}: no requirement brings {' or '.join(FAMILY)}; add one of them, "
+            f"or its API with --api ({', '.join(api for api in APIS if api not in FAMILY)}); {OWN}"
         )
         raise BadInput(message)
     return brought[0] if brought else None
@@ -246,7 +246,7 @@ def _asked_python(text: str) -> str:
     """Return the value of `--python`. Raises BadInput if it is a path without a Python, or no version."""
     if "/" in text:
         if interpreters.find(text) is None:
-            message = f"--python {text}: there is no Python here that can be run"
+            message = f"--python {text}: no such Python on this machine; name a version such as 3.11, or a path"
             raise BadInput(message)
     elif text != HOST:
         with locate_errors("--python"):
@@ -288,6 +288,6 @@ def _choose_version(allowed: SpecifierSet) -> str:
     pinned = [each.version for each in allowed if each.operator == "==" and not each.version.endswith(".*")]
     version = next((v for v in (*pinned, *(f"3.{minor}" for minor in range(7, 100))) if allowed.contains(v)), None)
     if version is None:
-        message = f"try: no Python is allowed by all that was given: {allowed}; name one with --python"
+        message = f"try: no Python version satisfies all requirements: {allowed}; name one with --python"
         raise BadInput(message)
     return version

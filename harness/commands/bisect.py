@@ -139,7 +139,7 @@ def main(args: argparse.Namespace) -> int:
             # --date needs the lock even where --bad is given: the days are those of uploads of its packages.
             base = bench.measure(cell, keep=not behaves) if args.date or not args.bad else None
         except BudgetExhausted as spent:
-            message = f"{spent} before the cell itself was measured; allow more"
+            message = f"{spent} before the combination itself was measured; raise --runs or --minutes"
             raise CouldNotTell(message) from None
         line, task = _task(request, base)
         search = Bisection(replace(task, behaves=behaves), bench, board.say)
@@ -163,13 +163,13 @@ def _wrapped(lines: Iterable[str], columns: int | None) -> Iterator[str]:
 
 def _check(args: argparse.Namespace) -> None:
     if not 0.5 < args.confidence < 1:
-        message = f"--confidence {args.confidence:g}: name a chance between 0.5 and 1, such as {CONFIDENCE:g}"
+        message = f"--confidence {args.confidence:g}: name a probability between 0.5 and 1, such as {CONFIDENCE:g}"
         raise BadInput(message)
     if args.runs < 1 or args.minutes <= 0:
         message = "--runs and --minutes: name a number above 0"
         raise BadInput(message)
     if args.behaves and (args.any or not args.good):
-        message = "--behaves: name the end that behaves rightly with --good; a failure (--any) is no behaviour"
+        message = "--behaves: name the end with the right behaviour by --good, and leave out --any"
         raise BadInput(message)
     if args.axis:
         with locate_errors("--axis"):
@@ -200,7 +200,7 @@ def _task(request: BisectRequest, base: Trial | None) -> tuple[Candidates, Task]
     line = _line(request, held)
     own = _name_unchanged(request, held)
     if args.bad is None and own is None:
-        message = f"bisect {args.cell}: its lock holds no {args.axis}; name the end that fails with --bad"
+        message = f"bisect {args.cell}: its lock does not contain {args.axis}; name the failing end with --bad"
         raise BadInput(message)
     if own is not None and args.bad is None:
         # The release of the cell may be missing on the line, as a yanked one is.
@@ -213,7 +213,10 @@ def _task(request: BisectRequest, base: Trial | None) -> tuple[Candidates, Task]
         raise BadInput(message)
     if len(line.candidates) < 2:
         left_out = "; ".join(line.left_out)
-        message = f"bisect {args.cell}: there is nothing else along {request.axis}{f'; {left_out}' if left_out else ''}"
+        message = (
+            f"bisect {args.cell}: there is nothing else to try along "
+            f"{request.axis}{f'; {left_out}' if left_out else ''}"
+        )
         raise BadInput(message)
     return line, Task(
         cell=request.cell,

@@ -94,7 +94,7 @@ def _read(args: argparse.Namespace, files: list[Path]) -> project.Project:
     try:
         python = str(Version(args.python)) if args.python else None
     except InvalidVersion:
-        message = f'check: --python "{args.python}" is no version such as 3.11, which files need'
+        message = f'check: --python "{args.python}" is not a version; write one such as 3.11'
         raise BadInput(message) from None
     here = project.read_files(files, args.extra, args.group, python)
     unknown_names.refuse_unknown(here, files, lambda text: print(text, file=sys.stderr))

@@ -128,7 +128,7 @@ def workflow(args: argparse.Namespace, plan: Plan, count: int) -> str:
     """Return the text of the workflow file: the same bytes for the same matrix, options and version."""
     provider = Provider(args.provider)
     for option in _given(args, pipelines.FOREIGN[provider]):
-        message = f"{option}: means nothing to {provider}; leave it out"
+        message = f"{option}: has no effect on {provider}; leave it out"
         raise BadInput(message)
     path = _in_repository(args.matrix) if args.matrix.endswith(".toml") else None
     matrix = pipelines.plain(path or args.matrix, "MATRIX")
@@ -193,7 +193,9 @@ def _in_repository(name: str) -> str:
     here = Path.cwd()
     root = next((folder for folder in (here, *here.parents) if (folder / ".git").exists()), here)
     if root != here:
-        message = f"{name}: a workflow starts at the root of its repository; run this there, in {os.path.relpath(root)}"
+        message = (
+            f"{name}: workflows run at the root of the repository; run this command there, in {os.path.relpath(root)}"
+        )
         raise BadInput(message)
     path = Path(os.path.relpath(name))
     if ".." in path.parts:

@@ -145,7 +145,7 @@ def main(args: argparse.Namespace) -> int:
     """Inspect the environment, print the findings, and return the exit code."""
     if args.standalone:
         doctor_pyz.write(args.standalone)
-        print(f"{args.standalone}: type `python {args.standalone} doctor` or `... explain FILE` where no harness is")
+        print(f"{args.standalone}: run it with `python {args.standalone} doctor` on machines without simmatrix")
         return 0
     knowledge = doctor.Knowledge(explain.signatures(), result_index.load_plain)
     request = doctor.Request(args.python, args.env, dict(os.environ), str(Path.cwd()), api=args.api)

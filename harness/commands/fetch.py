@@ -156,5 +156,5 @@ def _summary(fetched_cells: Sequence[FetchedCell], folder: Path, brought: int) -
     counted = (
         f"{format_count(len(fetched_cells), 'cell')}, {len(locked)} with a lock; {format_count(len(wheels), 'wheel')}"
     )
-    print(f"{counted}; {brought / 1e6:.1f} MB brought into {os.path.relpath(folder)}")
+    print(f"{counted}; {brought / 1e6:.1f} MB downloaded into {os.path.relpath(folder)}")
     print(f"without network: simmatrix run {fetched_cells[0].matrix} --fetched {os.path.relpath(folder)}")

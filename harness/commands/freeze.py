@@ -74,7 +74,7 @@ def main(args: argparse.Namespace) -> int:
         bank, content = frozen
         case = behaviour_runs.case_of(cell, args.env or str(bank.facts["env"]))
         if case.env != bank.facts["env"]:
-            message = f"{args.check}: is of {bank.facts['env']}, not of {case.env}"
+            message = f"{args.check}: was written for {bank.facts['env']}, not for {case.env}"
             raise BadInput(message)
         name = Vault(opened.folder).keep(content)
         arrays = behaviour_runs.step_from(cell, case, name, opened, settings, board)
@@ -129,10 +129,12 @@ def read(path: Path) -> tuple[Bank, bytes]:
         message = f"{path}: {error}; {again}"
         raise BadInput(message) from None
     if facts.get("form") != FORM:
-        message = f"{path}: has the form {facts.get('form')}, this simmatrix reads {FORM}; install a newer simmatrix"
+        message = (
+            f"{path}: has format {facts.get('form')}, and this simmatrix reads format {FORM}; install a newer simmatrix"
+        )
         raise BadInput(message)
     bank = Bank.of(arrays, facts)
     if bank.outputs is None:
-        message = f"{path}: holds states alone, without what they lead to (--states-only); {again}"
+        message = f"{path}: holds states only, without their results (--states-only); {again}"
         raise BadInput(message)
     return bank, content

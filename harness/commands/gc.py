@@ -102,7 +102,7 @@ def main(args: argparse.Namespace) -> int:
     if args.older_than is None and args.max_size is None:
         _suggest(places)
     elif args.max_size is not None and summary.size_after > args.max_size:
-        tell(f"{decimal(summary.size_after)} are left: the rest is in use, too young, or cannot be made again")
+        tell(f"{decimal(summary.size_after)} are left: in use, too recent, or impossible to rebuild")
     return 0
 
 
@@ -156,7 +156,7 @@ def _print(summary: Collected) -> None:
     for removal in summary.removed:
         print(f"{removal.kind:<34} {removal.number:>6}  {decimal(removal.bytes):>9}")
     verb = "would be freed" if summary.dry_run else "freed"
-    used = f"; {format_count(summary.in_use, 'thing')} in use stayed" if summary.in_use else ""
+    used = f"; {format_count(summary.in_use, 'thing')} in use were kept" if summary.in_use else ""
     print(f"{decimal(summary.freed)} {verb}, {decimal(summary.size_after)} left in cache and state{used}")
 
 

@@ -96,7 +96,7 @@ def _tell(whole: Document, reports: int, missing: int) -> None:
     print(f"{summary}{machines}, {gaps or 'none'} not run", file=sys.stderr)
     if missing:
         print(
-            f"{format_count(missing, 'file')} that the reports name are not next to them, and were left out",
+            f"{format_count(missing, 'file')} that the reports name are missing, and were left out",
             file=sys.stderr,
         )
 
@@ -113,7 +113,7 @@ def _find_reports(names: Sequence[str], out: Path) -> list[Path]:
         whole = {place, place / NAME}
         matches = [place] if place.is_file() else list(_below(place))
         if not matches:
-            message = f"{name}: no {NAME} here, nor in the folders below; `simmatrix run MATRIX --out DIR` writes one"
+            message = f"{name}: no {NAME} in this folder or below it; `simmatrix run MATRIX --out DIR` writes one"
             raise BadInput(message)
         reports |= {path.resolve(): path for path in matches if path in whole or path.resolve() != written}
     return list(reports.values())

@@ -67,7 +67,7 @@ def main(args: argparse.Namespace) -> int:
     for sentence in plan.stale:
         print(f"out of date: {sentence}")
     gone = sum(dropped.count for dropped in plan.dropped)
-    print(f"{format_count(len(cells), 'cell')}, {format_count(gone, 'combination')} left out")
+    print(f"{format_count(len(cells), 'combination')}, {gone or 'none'} left out")
     return 0
 
 

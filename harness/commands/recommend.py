@@ -63,7 +63,7 @@ def _phases(text: str) -> tuple[Phase, ...]:
     names = [name.strip() for name in text.split(",") if name.strip()]
     unknown = [name for name in names if name not in NEEDS]
     if unknown or not names:
-        message = f"{(unknown or [text])[0]!r} is none of {', '.join(NEEDS)}"
+        message = f"unknown phase {(unknown or [text])[0]!r}; choose from {', '.join(NEEDS)}"
         raise argparse.ArgumentTypeError(message)
     return tuple(Phase(name) for name in dict.fromkeys(names))
 
@@ -130,13 +130,13 @@ def _query(args: argparse.Namespace) -> Query:
         for text in args.packages:
             requirement = Wanted.of(text)
             if requirement.name in wanted:
-                message = f'"{requirement.name}" is asked for twice; write `{requirement.name}>=1,<2`'
+                message = f'"{requirement.name}" is named twice; write `{requirement.name}>=1,<2`'
                 raise ValueError(message)
             wanted[requirement.name] = requirement
         if args.python is not None:
             Version(args.python)
     except InvalidVersion:
-        message = f'recommend: --python "{args.python}" is no version such as 3.11'
+        message = f'recommend: --python "{args.python}" is not a version; write one such as 3.11'
         raise BadInput(message) from None
     except ValueError as error:
         message = f"recommend: {error}"
@@ -155,10 +155,13 @@ def _check(cells: Sequence[CellResult], query: Query, *, offline: bool) -> None:
 
 def _write(path: Path, best: Combination | None, query: Query, *, offline: bool) -> None:
     if best is None:
-        print(f"recommend: nothing good was measured of {' '.join(query.names)}: no lock was written", file=sys.stderr)
+        print(
+            f"recommend: no working combination of {' '.join(query.names)} was measured; no lock was written",
+            file=sys.stderr,
+        )
         return
     if not best.lock:
-        print(f"recommend: the lock of {best.cell} was not kept: no lock was written", file=sys.stderr)
+        print(f"recommend: the lock of {best.cell} was not kept; no lock was written", file=sys.stderr)
         return
     from harness.running import lock_files  # noqa: PLC0415 - start-up
 

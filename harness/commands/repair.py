@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,6 +26,7 @@ from harness.rootcause.repair.lab import Lab
 from harness.rootcause.repair.proofs import RepairDocument
 from harness.rootcause.repair.repairing import RepairResult, Search, Status
 from harness.running import open_matrix, scheduler
+from harness.standalone import wrapping
 from harness.standalone.output import print_json
 
 HELP = (
@@ -68,7 +69,7 @@ def _positive(text: str) -> int:
 def main(args: argparse.Namespace) -> int:
     """Search for a remedy, write lock and proof, and return the exit code of the status (`CODES`)."""
     if not (args.requirements or args.files or args.subject):
-        message = "repair: name a cell, such as 'quickstart/py3.11_*', or requirements, such as 'gym==0.26.2'"
+        message = "repair: name a combination, such as 'quickstart/py3.11_*', or requirements, such as 'gym==0.26.2'"
         raise BadInput(message)
     named = _names_cell(args)
     given = None if named else ad_hoc_cell.read(args)
@@ -88,8 +89,14 @@ def main(args: argparse.Namespace) -> int:
     if args.json:
         print_json(search_documents.as_json(document))
     else:
-        print("\n".join(repair_text.lines(document)))
+        print("\n".join(_wrapped(repair_text.lines(document), wrapping.width(sys.stdout))))
     return CODES[document.status]
+
+
+def _wrapped(lines: Iterable[str], columns: int | None) -> Iterator[str]:
+    """Yield lines broken at the width of a terminal; commands, files and quoted lines of an error stay whole."""
+    for line in lines:
+        yield from [line] if line.startswith((" ", "written: ")) else wrapping.wrap(line, columns)
 
 
 def _names_cell(args: argparse.Namespace) -> bool:

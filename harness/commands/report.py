@@ -59,7 +59,7 @@ def main(args: argparse.Namespace) -> int:
     if args.judge_again:
         return _judged_again(args)
     if args.write:
-        message = "--write goes with --judge-again: it renews reports as they are judged now"
+        message = "--write needs --judge-again, and writes the changed reports"
         raise BadInput(message)
     sources = [locate(name) for name in args.sources] or _all()
     if args.out:
@@ -91,14 +91,14 @@ def _formats(text: str) -> tuple[str, ...]:
 def _all() -> list[Path]:
     reports = sorted((store.state_folder() / "reports").glob(f"*/{NAME}"))
     if not reports:
-        message = "nothing was run here yet: `simmatrix run quickstart` measures, or name a report.json"
+        message = "nothing was measured here yet; run `simmatrix run quickstart`, or name a report.json"
         raise BadInput(message)
     return reports
 
 
 def _judged_again(args: argparse.Namespace) -> int:
     if not args.sources or args.out:
-        message = "--judge-again wants the folders of reports, such as reports/quickstart; --write renews them in place"
+        message = "--judge-again needs the folders of reports, such as reports/quickstart"
         raise BadInput(message)
     return judge_again.main([_folder(name) for name in args.sources], write=args.write, as_json=args.json)
 
@@ -121,7 +121,7 @@ def locate(name: str) -> Path:
     if shipped:
         return shipped
     names = [*(path.parent.name for path in reports.glob(f"*/{NAME}")), *shipped_reports.names()]
-    message = f"{name}: no report.json here, and no matrix of this name was run{suggestion(name, names)}"
+    message = f"{name}: no report.json here, and no matrix of this name was measured{suggestion(name, names)}"
     raise BadInput(message)
 
 

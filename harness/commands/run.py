@@ -79,7 +79,7 @@ def main(args: argparse.Namespace) -> int:
     )
     if (args.prove or args.repair) and layer:
         option = "--prove" if args.prove else "--repair"
-        message = f"{option}: what a remedy installs is not in a folder of `fetch`; run it with the network"
+        message = f"{option}: the packages of a fix are not in a folder of `fetch`; leave --fetched out"
         raise BadInput(message)
     planned = [open_matrix.load(name, tell, offline=settings.offline, fetched=layer) for name in args.matrices]
     # Mistakes are looked for before the store is opened: bad input leaves no result behind.
@@ -113,9 +113,9 @@ def _run_remedies(
     assessed = {plan.matrix: [assess(record, knowledge) for record in _of(plan, records)] for plan in plans}
     cells = [cell for plan in plans for cell in remedy_trials.make_trials(plan.cells, assessed[plan.matrix], recipes)]
     if not cells:
-        tell("no remedy of a known failure is left to be tried")
+        tell("no fix of a known issue is left to try")
         return list(plans), ()
-    tell(f"{format_count(len(cells), 'red cell')} to be run again, each with the remedy of a known failure")
+    tell(f"{format_count(len(cells), 'failed combination')} to measure again, each with the fix of a known issue")
     with progress.Progress(len(cells), settings.jobs, publishing.headline) as board:
         more = scheduler.run(cells, opened, settings, board)
     return [remedy_trials.add(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
@@ -150,7 +150,7 @@ def _chosen(
     if args.only_failed:
         cells = select_cells.select_failed(cells, opened)
         if not cells:
-            tell("nothing failed: no cell was inconclusive or unexpected when it was last run")
+            tell("nothing to do: no combination failed or was inconclusive the last time")
     return cells
 
 

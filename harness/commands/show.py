@@ -95,7 +95,7 @@ def _show_shipped(report: Document, *, issue: bool) -> None:
         table = shipped_cell.of_table(entry.id)
         again = shlex.join(["simmatrix", "run", entry.matrix, "-k", entry.label]) if not table else _try_again(table)
         if issue:
-            message = f"show {entry.id} --issue: was not run here; run it first: {again}"
+            message = f"show {entry.id} --issue: was not measured here; measure it first: {again}"
             raise BadInput(message)
         print("\n".join([*_lines(entry), *(_of_table(table) if table else ())]))
         print("next")
@@ -125,7 +125,7 @@ def _find_shipped(records: Sequence[CellRecord], pattern: str) -> str:
     all_ids = [record.cell.id for record in records] + shipped_cell.ids("*")
     near = get_close_matches(pattern, all_ids, n=1)
     hint = f"; did you mean {near[0]}?" if near else "; `simmatrix known` lists what was measured"
-    message = f"show {pattern}: no cell of this name was measured{hint}"
+    message = f"show {pattern}: no combination of this name was measured{hint}"
     raise BadInput(message)
 
 

@@ -167,7 +167,7 @@ def _tell_untold(folder: Path) -> None:
     cells = document.read_file(path).cells if path.is_file() else ()
     named = first_few([cell.id for cell in cells], MOST_NAMED)
     where = os.path.relpath(folder)
-    print(f"{where}: its evidence does not lie next to it; not judged again: {named}", file=sys.stderr)
+    print(f"{where}: its evidence is missing; not judged again: {named}", file=sys.stderr)
 
 
 def _altered(again: JudgedReport) -> Iterator[str]:

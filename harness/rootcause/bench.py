@@ -89,12 +89,12 @@ class Trial:
         if self.assessed.verdict is Verdict.WORKS:
             return str(Verdict.WORKS)
         passed = [phase for phase in CASE_PHASES if self.assessed.phases.get(phase) is Outcome.PASSED]
-        return f"passes {' and '.join(passed)}, all that was asked for"
+        return f"passes {' and '.join(passed)}, all that was requested"
 
     @property
     def failure_text(self) -> str:
         """Return the words for a cell that does not do everything requested."""
-        return f"{self.assessed.verdict}: {self.assessed.decisive or 'no line says why'}"
+        return f"{self.assessed.verdict}: {self.assessed.decisive or 'no line of the output explains it'}"
 
     @property
     def untold(self) -> bool:

@@ -41,4 +41,5 @@ def wrap(line: str, columns: Optional[int], indent: int = 2) -> List[str]:
         return [line]
     # A package, a path or an option has to be copied whole.
     below = " " * indent
-    return textwrap.wrap(line, columns, subsequent_indent=below, break_long_words=False, break_on_hyphens=False)
+    wrapped = textwrap.wrap(line, columns, subsequent_indent=below, break_long_words=False, break_on_hyphens=False)
+    return wrapped or [line]

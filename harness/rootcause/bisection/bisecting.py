@@ -127,7 +127,7 @@ class Bisection:
         if not lost:
             self.notes.append(f"no candidate was found that works: {self._tried()}")
             return Status.NO_GOOD_END
-        self.notes.append(f"of {', '.join(lost)} nothing could be told here, and each may be good; {self._tried()}")
+        self.notes.append(f"{', '.join(lost)} could not be measured here, and may work; {self._tried()}")
         return Status.UNTOLD
 
     # --- ends ------------------------------------------------------------------------------------------------------
@@ -330,7 +330,7 @@ class Bisection:
         self.steps.append(step)
         self.say(
             f"  {classification.answer}: {classification.words}"
-            + (" (at hand)" if trial.at_hand else f" ({trial.seconds:.0f} s)")
+            + (" (measured before)" if trial.at_hand else f" ({trial.seconds:.0f} s)")
         )
         return step
 

@@ -127,11 +127,11 @@ def test_bisect_finds_the_release_that_behaves_otherwise(desk: Desk) -> None:
     ran = desk.run("bisect", cell, "--axis", "fake-swing", "--behaves", "--good", "1.0", "--out", "found", "--json")
     assert ran.code == 0, ran.err
     assert (ran.document["good"]["candidate"], ran.document["bad"]["candidate"]) == ("1.1", "2.0")
-    assert ran.document["predicate"]["behaves"] == "fake_swing:Swing-v0 behaves otherwise than with fake-swing 1.0"
+    assert ran.document["predicate"]["behaves"] == "fake_swing:Swing-v0 behaves differently from fake-swing 1.0"
     assert ran.document["claim"].startswith("fake-swing 1.1 is the last that behaves the same, up to rounding, and ")
     assert "fake-swing 2.0 the first that behaves otherwise; the next state" in ran.document["claim"]
     page = (desk.folder / "found" / "bisect.md").read_text(encoding="utf-8")
-    assert "fake_swing:Swing-v0 behaves otherwise than with fake-swing 1.0." in page
+    assert "fake_swing:Swing-v0 behaves differently from fake-swing 1.0." in page
 
     ends = ("--good", "1.0", "--bad", "1.1")
     same = desk.run("bisect", cell, "--axis", "fake-swing", "--behaves", *ends, "--out", "alike", COLUMNS="80")

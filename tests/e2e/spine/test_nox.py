@@ -62,7 +62,7 @@ def test_sessions_are_listed_as_they_can_be_selected(nox_desk: Desk) -> None:
         "simmatrix: range.toml: its ranges were never expanded, which asks the index; "
         "run `simmatrix lock range.toml` without --offline",
         "simmatrix: smal.toml: cannot be read: No such file or directory",
-        'simmatrix: quickstrat: not a matrix file (NAME.toml) and not a built-in matrix; did you mean "quickstart"?',
+        'simmatrix: quickstrat: neither a matrix file (NAME.toml) nor a built-in matrix; did you mean "quickstart"?',
     ]
 
     for asked_for in ([small[1]], ["cell(range.toml)"], ["matrix(big/py3.9)"]):

@@ -180,12 +180,12 @@ BAD = {
         f"-k *mujoco*: none of the 2 cells matches; one of them is small/py{platform.python_version()}_good"
     ),
     ("run", "quickstrat"): (
-        'quickstrat: not a matrix file (NAME.toml) and not a built-in matrix; did you mean "quickstart"?'
+        'quickstrat: neither a matrix file (NAME.toml) nor a built-in matrix; did you mean "quickstart"?'
     ),
     ("show", "small/nothing"): (
-        "show small/nothing: no cell of this name was measured; `simmatrix known` lists what was measured"
+        "show small/nothing: no combination of this name was measured; `simmatrix known` lists what was measured"
     ),
-    ("report",): "nothing was run here yet: `simmatrix run quickstart` measures, or name a report.json",
+    ("report",): "nothing was measured here yet; run `simmatrix run quickstart`, or name a report.json",
 }
 
 

@@ -219,7 +219,7 @@ def test_only_failed(desk_with_results: Desk) -> None:
     expect = '\n[[expect]]\nwhen = { which = "blank" }\nverdict = "partial"\nreason = "it paints black"\n'
     desk_with_results.matrix("small", SMALL.read_text() + expect)
     ran = desk_with_results.run("run", "small.toml", "--only-failed")
-    assert (ran.code, ran.err) == (0, "nothing failed: no cell was inconclusive or unexpected when it was last run\n")
+    assert (ran.code, ran.err) == (0, "nothing to do: no combination failed or was inconclusive the last time\n")
     assert "nothing was measured\n" in ran.out
 
 

@@ -313,10 +313,10 @@ def test_inconclusive_items_fail_and_missing_ones_are_skipped(desk: Desk) -> Non
 
 BAD = {
     ("--matrix", "quickstrat"): (
-        'ERROR: quickstrat: not a matrix file (NAME.toml) and not a built-in matrix; did you mean "quickstart"?\n'
+        'ERROR: quickstrat: neither a matrix file (NAME.toml) nor a built-in matrix; did you mean "quickstart"?\n'
     ),
     ("--matrix", "small.toml", "--matrix", "small.toml"): (
-        "ERROR: two of the matrices are called small, and so are their cells; name one of them, or rename one\n"
+        "ERROR: two of the matrices are called small, and so are their combinations; name one of them, or rename one\n"
     ),
     (): "ERROR: harness.smoke needs a matrix: pytest --matrix NAME (a matrix file, or the name of a built-in one)\n",
 }

@@ -321,8 +321,8 @@ def test_every_combination_and_trap_is_shown(capsys: pytest.CaptureFixture[str])
     ("arguments", "message"),
     [
         (["a b"], 'recommend: "a b" is not a requirement: '),
-        (["gym", "gym>1"], 'recommend: "gym" is asked for twice; write `gym>=1,<2`'),
-        (["gym", "--python", "three"], 'recommend: --python "three" is no version such as 3.11'),
+        (["gym", "gym>1"], 'recommend: "gym" is named twice; write `gym>=1,<2`'),
+        (["gym", "--python", "three"], 'recommend: --python "three" is not a version; write one such as 3.11'),
         (["gym; extra == 'a'"], "recommend: \"gym; extra == 'a'\" has a marker; name a package, or `name>=version`"),
     ],
 )
