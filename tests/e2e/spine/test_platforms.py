@@ -114,7 +114,7 @@ def test_slurm_without_all_that_is_needed(desk: Desk, tmp_path: Path) -> None:
 
     assert (ran.returncode, (tmp_path / "sbatch.log").exists()) == (3, False), ran.stdout + ran.stderr
     assert ran.stderr.splitlines()[-1] == (
-        "nothing was submitted: not all was fetched; once more goes on from there, INCOMPLETE=1 does without"
+        "nothing was submitted: the download is incomplete; run this again to continue, or set INCOMPLETE=1 to submit anyway"
     )
 
 
