@@ -131,9 +131,10 @@ class _VerbParser(argparse.ArgumentParser):
         return super().format_help()
 
     def error(self, message: str) -> NoReturn:
-        """Print the usage, what is wrong, and where every option is explained; exit with 2."""
+        """Print the usage, where every option is explained, and last what is wrong; exit with 2."""
         self.print_usage(sys.stderr)
-        self.exit(BadInput.exit_code, f"{self.prog}: error: {message}; see `{self.prog} --help`\n")
+        print(f"`{self.prog} --help` explains every option, with examples.", file=sys.stderr)
+        self.exit(BadInput.exit_code, f"{self.prog}: error: {message}\n")
 
 
 def _stand_somewhere() -> None:

@@ -104,8 +104,7 @@ def _load_entries(plan: Plan) -> dict[str, list[CellEntry]]:
     records = [record for cell in dated.cells if (record := publishing.load_record(opened, here.id, cell))]
     if not records:
         message = (
-            f"{plan.matrix}: it has no results on this machine; run `simmatrix run` first, or name a "
-            "report.json with --report"
+            f"{plan.matrix}: no results on this machine; run `simmatrix run` first, or name a report.json with --report"
         )
         raise BadInput(message)
     causes = shipped_signatures.load_knowledge(opened.folder)

@@ -61,7 +61,12 @@ def test_mistakes(desk_with_results: Desk) -> None:
     before = path.read_text()
     wrong = {
         ("-k", "*odd", "--reason", "x"): "-k *odd: none of the 2 cells matches",
-        ("-k", "*", "--reason", "x"): "small: nothing of it was measured here; run it first, or name a report.json",
+        (
+            "-k",
+            "*",
+            "--reason",
+            "x",
+        ): "small: no results on this machine; run `simmatrix run` first, or name a report.json",
         ("-k", "*", "--reason", "x", "--report", report): "has changed in the matrix since; measure it again",
         ("-k", "*", "--reason", "x", "--until", "2020-01-01"): "2020-01-01 has passed already",
         ("-k", "*", "--reason", " "): "give the reason why these combinations fail",

@@ -139,7 +139,7 @@ def test_bisect_finds_the_release_that_behaves_otherwise(desk: Desk) -> None:
     assert (same.code, "the bad end 1.1: behaves the same, up to rounding" in said) == (1, True)
     assert all(len(line) <= 80 or line.startswith(("repeat it: ", "written: ")) for line in same.out.splitlines())
     unnamed = desk.run("bisect", cell, "--axis", "fake-swing", "--behaves")
-    assert (unnamed.code, "name the end that behaves rightly with --good" in unnamed.err) == (2, True)
+    assert (unnamed.code, "name the end with the right behaviour by --good" in unnamed.err) == (2, True)
 
 
 def test_an_environment_whose_state_cannot_be_set_is_compared_in_seeded_runs(desk: Desk) -> None:

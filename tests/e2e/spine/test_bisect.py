@@ -285,7 +285,7 @@ def test_flaky_end(desk: Desk, index: str) -> None:
     [
         (("--axis", "tool", "--good", "9"), 2, "--good 9: cannot be tried here"),
         (("--axis", "nobody"), 2, "'nobody'"),
-        (("--axis", "paint", "--confidence", "2"), 2, "--confidence 2: name a chance between 0.5 and 1"),
+        (("--axis", "paint", "--confidence", "2"), 2, "--confidence 2: name a probability between 0.5 and 1"),
         (("--date", "--good", "2019-01-01"), 2, "--good 2019-01-01: the packages did not exist yet"),
         (("--axis", "tool", "--runs", "2"), 3, "2 runs are used up"),
     ],

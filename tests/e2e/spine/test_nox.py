@@ -130,5 +130,5 @@ def test_our_noxfile_needs_nothing_but_nox(nox_desk: Desk) -> None:
     assert (without.code, list_sessions(without.out)) == (0, own)
     assert re.findall(r"^\* (\S+)", without.out, re.MULTILINE) == ["lint", "tests"]
     assert without.err == (
-        "no sessions of cells here (import of msgspec halted; None in sys.modules): uvx --with-editable . nox\n"
+        "simmatrix cannot be imported (import of msgspec halted; None in sys.modules): uvx --with-editable . nox\n"
     )

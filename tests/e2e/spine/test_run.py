@@ -205,7 +205,7 @@ def test_bad_input_is_2(desk: Desk, arguments: tuple[str, ...]) -> None:
 def test_a_second_run_has_nothing_to_do(desk_with_results: Desk) -> None:
     """Results are reused, even without the cache and the network, and the run says so."""
     ran = desk_with_results.run("run", "small.toml", "--offline", HARNESS_CACHE=str(desk_with_results.folder / "empty"))
-    assert "nothing to do: all 2 cells were measured before, under the same keys\n" in ran.out
+    assert "nothing to do: all 2 results are reused\n" in ran.out
     assert ran.out.splitlines()[-1] == "report: .harness/reports/small"
     document = json.loads((desk_with_results.state / "reports" / "small" / "report.json").read_text())
     assert [cell["reused"] for cell in document["cells"]] == [True, True]

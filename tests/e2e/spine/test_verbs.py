@@ -120,7 +120,7 @@ def test_mistakes_of_a_run_are_refused_before_it_starts(desk: Desk) -> None:
             "--pivot python whch: takes two axes of one matrix; known here: python, which"
         ),
         ("run", "small.toml", "./small.toml"): (
-            "two of the matrices are called small, and so are their combinations; name one of them, or rename one"
+            "two matrices have the name small; name only one of them, or rename one"
         ),
         ("run", "nothing.toml"): ("nothing to do: every combination is left out; `simmatrix plan` gives the reasons"),
     }

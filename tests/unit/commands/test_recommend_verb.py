@@ -191,7 +191,7 @@ def test_a_combination_of_a_table_is_marked(capsys: pytest.CaptureFixture[str], 
     assert (code, said.out.splitlines()[0].startswith("pip install 'pettingzoo[classic]==1.25.0' ")) == (0, True)
     assert "  measured by hand on 2026-11-20; its lock was not kept:" in said.out
     assert " fails (2026-11-22, first failing phase only): No module named 'pygame' " in " ".join(said.out.split())
-    assert said.err.endswith("was not kept: no lock was written\n")
+    assert said.err.endswith("was not kept; no lock was written\n")
     assert not (fresh / "lock.txt").exists()
 
 

@@ -207,7 +207,7 @@ class TestShow:
         [
             (
                 "*mujoco2.3.7",
-                "simmatrix: show *mujoco2.3.7: matches 2 cells; name one of"
+                "simmatrix: show *mujoco2.3.7: matches 2 combinations; name one of"
                 " quick/py3.11_gymnasium-1.2.3_mujoco-2.3.7, quick/py3.9_gymnasium-0.29.1_mujoco-2.3.7\n",
             ),
             (

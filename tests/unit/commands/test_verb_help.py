@@ -83,8 +83,9 @@ def test_an_error_names_the_help(capsys: pytest.CaptureFixture[str]) -> None:
     """A wrong argument says what is wrong and where all options are explained."""
     with pytest.raises(SystemExit) as ended:
         command_line.main(["run", "quickstart", "--until", "rendr"])
-    error = capsys.readouterr().err
+    *usage, hint, error = capsys.readouterr().err.splitlines()
 
     assert ended.value.code == 2
-    assert "argument --until: invalid choice: 'rendr' (choose from " in error
-    assert error.endswith("; see `simmatrix run --help`\n")
+    assert usage[0].startswith("usage: simmatrix run ")
+    assert hint == "`simmatrix run --help` explains every option, with examples."
+    assert error.startswith("simmatrix run: error: argument --until: invalid choice: 'rendr' (choose from ")
