@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import re
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -31,6 +32,7 @@ from harness.reports import document, publishing
 from harness.reports.tables import tables
 from harness.running import open_matrix
 from harness.running.signatures import shipped_signatures
+from harness.standalone import wrapping
 from harness.standalone.failures.remedies import in_words
 from harness.standalone.output import print_json
 
@@ -41,6 +43,11 @@ HELP = (
 
 TAIL = 15
 """Lines of the log that are shown."""
+LABEL = re.compile(r" *\S+(?: \S+)?  +")
+"""The begin of a line in two columns."""
+INDENT = 4
+WHOLE = ("  |", "  uv ", "  simmatrix ", "lock ", "key ", "evidence ", "  frame ")
+"""Begins of lines that people copy."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -84,8 +91,7 @@ def main(args: argparse.Namespace) -> int:
         print(issuing.issue(record, entry, opened), end="")
         return 0
     for record, entry in zip(records, report.cells, strict=True):
-        print("\n".join(_lines(entry)))
-        print("\n".join(_next(record.cell, entry)))
+        _print([*_lines(entry), *_next(record.cell, entry)])
     return 0
 
 
@@ -97,7 +103,7 @@ def _show_shipped(report: Document, *, issue: bool) -> None:
         if issue:
             message = f"show {entry.id} --issue: was not measured here; measure it first: {again}"
             raise BadInput(message)
-        print("\n".join([*_lines(entry), *(_of_table(table) if table else ())]))
+        _print([*_lines(entry), *(_of_table(table) if table else ())])
         print("next")
         if entry.lock_sha256:
             print(f"  {shlex.join(['simmatrix', 'show', entry.id, '--lock-out', 'requirements.txt'])}")
@@ -155,6 +161,15 @@ def _document(records: Sequence[CellRecord], all_records: Sequence[CellRecord], 
 
 
 # --- what is said ----------------------------------------------------------------------------------------------
+
+
+def _print(lines: Iterable[str]) -> None:
+    """Print lines, broken at the width of a terminal; the log, commands and paths stay whole."""
+    columns = wrapping.width(sys.stdout)
+    for line in lines:
+        label = LABEL.match(line)
+        indent = len(label[0]) if label else INDENT
+        print("\n".join([line] if line.startswith(WHOLE) else wrapping.wrap(line, columns, indent)))
 
 
 def _lines(cell: CellEntry) -> Iterator[str]:

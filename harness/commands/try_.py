@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from harness.commands import ad_hoc_cell, arguments
 from harness.judging.assess import assess
@@ -15,6 +16,7 @@ from harness.reports.text import progress
 from harness.reports.text.try_answer import answer
 from harness.running import scheduler
 from harness.running.signatures import shipped_signatures
+from harness.standalone import wrapping
 from harness.standalone.output import print_json
 
 HELP = (
@@ -54,5 +56,7 @@ def main(args: argparse.Namespace) -> int:
         report = document.build([record], [planned], facts, store.now(), locate, used, knowledge=knowledge)
         print_json(document.encode(report))
     else:
-        print(answer(assessed))
+        columns = wrapping.width(sys.stdout)
+        first, *others = answer(assessed).splitlines()
+        print("\n".join([*wrapping.wrap(first, columns), *wrapping.wrap_lines(others, columns)]))
     return 0 if assessed.verdict is Verdict.WORKS else 3 if assessed.untold else 1
