@@ -445,4 +445,4 @@ def test_the_one_file(place: Place, other: Interpreter) -> None:
     assert "pip install simmatrix; simmatrix doctor --rendering" in people.stdout
     assert json.loads(document.stdout)["environment"]["packages"] == {"gym": "0.26.2", "numpy": "2.2.6"}
     assert (proof.returncode, proof.stdout) == (2, "")
-    assert "needs the harness" in proof.stderr
+    assert "needs simmatrix on Python 3.11" in proof.stderr
