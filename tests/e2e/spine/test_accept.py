@@ -60,7 +60,7 @@ def test_mistakes(desk_with_results: Desk) -> None:
     path.write_text(path.read_text().replace("requirements = [", 'requirements = ["fake-plain", '))
     before = path.read_text()
     wrong = {
-        ("-k", "*odd", "--reason", "x"): "-k *odd: none of the 2 cells matches",
+        ("-k", "*odd", "--reason", "x"): "-k *odd: none of the 2 combinations matches",
         (
             "-k",
             "*",

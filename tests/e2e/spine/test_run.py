@@ -177,7 +177,7 @@ BAD = {
     ("run", "nowhere.toml"): "nowhere.toml: cannot be read: No such file or directory",
     ("run", "typo.toml"): 'typo.toml: requirments: unknown key; did you mean "requirements"?',
     ("run", "small.toml", "-k", "*mujoco*"): (
-        f"-k *mujoco*: none of the 2 cells matches; one of them is small/py{platform.python_version()}_good"
+        f"-k *mujoco*: none of the 2 combinations matches; one of them is small/py{platform.python_version()}_good"
     ),
     ("run", "quickstrat"): (
         'quickstrat: neither a matrix file (NAME.toml) nor a built-in matrix; did you mean "quickstart"?'

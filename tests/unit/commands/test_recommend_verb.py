@@ -336,4 +336,4 @@ def test_no_phase_of_this_name(capsys: pytest.CaptureFixture[str]) -> None:
     """An unknown phase is refused, and `--needs` lists the valid ones."""
     with pytest.raises(SystemExit, match="2"):
         main(["recommend", "gym", "--needs", "rendering"])
-    assert "'rendering' is none of import, single, vector, render, interop" in capsys.readouterr().err
+    assert "unknown phase 'rendering'; choose from import, single, vector, render, interop" in capsys.readouterr().err
