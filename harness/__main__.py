@@ -91,12 +91,9 @@ def main(arguments: Sequence[str]) -> int:
         print(end="", flush=True)  # what cannot be written any more is known here, not when Python ends
         return code
     except HarnessError as error:
-        from harness.standalone import wrapping  # noqa: PLC0415 - start-up
+        from harness.commands import verb_help  # noqa: PLC0415 - start-up
 
-        # In a log an error is one line; on a terminal no word is cut.
-        columns = wrapping.width(sys.stderr) if sys.stderr.isatty() else None
-        for line in f"simmatrix: {error}".splitlines():
-            print("\n".join(wrapping.wrap(line, columns)), file=sys.stderr)
+        verb_help.print_error(f"simmatrix: {error}")
         return error.exit_code
     except KeyboardInterrupt:
         print(interrupts.sentence(interrupts.INTERRUPTED), file=sys.stderr)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 import textwrap
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
+
+from harness.standalone import wrapping
 
 BAD_INPUT = {2: "wrong arguments, or a file that cannot be used"}
 NOT_DECIDED = {3: "not decided: this machine or the network is at fault"}
@@ -245,6 +248,13 @@ def wrap(text: str, width: int, below: str = "") -> str:
 def epilog(verb: str, width: int) -> str:
     """Return the exit codes and examples of a verb; no command is broken over lines."""
     return "\n".join(_lines(HELP_OF_VERBS[verb], width))
+
+
+def print_error(text: str) -> None:
+    """Print an error: as it is in a log, broken between words on a terminal."""
+    columns = wrapping.width(sys.stderr) if sys.stderr.isatty() else None
+    for line in text.splitlines():
+        print("\n".join(wrapping.wrap(line, columns)), file=sys.stderr)
 
 
 def _lines(entry: VerbHelp, width: int) -> Iterator[str]:
