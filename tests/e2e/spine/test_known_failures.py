@@ -222,7 +222,7 @@ def test_remedies_are_proven_on_demand(measured_folder: Desk) -> None:
     ran = measured_folder.run("run", "layers.toml", "--prove", **variables)
     found = cells(measured_folder)
     assert (ran.code, list(found)) == (0, ["red", "_with-default-renamed"])
-    assert "1 red cell to measure again, each with the fix of a known issue\n" in ran.err
+    assert "1 failed combination to measure again, each with the fix of a known issue\n" in ran.err
     proof = found["_with-default-renamed"]
     assert (proof["verdict"], proof["as_expected"], proof["base"]) == ("works", None, found["red"]["id"])
     assert found["red"]["diagnoses"][0]["proof"] == proof["id"]
