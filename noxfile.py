@@ -9,7 +9,7 @@ import nox
 try:
     from harness import noxface
 except Exception as missing:  # nox was installed apart, or this tree is half edited: lint and tests run all the same
-    print(f"no sessions of cells here ({missing}): uvx --with-editable . nox", file=sys.stderr)
+    print(f"simmatrix cannot be imported ({missing}): uvx --with-editable . nox", file=sys.stderr)
 else:
     noxface.cells("quickstart")
 

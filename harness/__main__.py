@@ -17,7 +17,7 @@ import errno
 import gc
 import importlib
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NoReturn
 
 import harness
 from harness.model.errors import BadInput, CouldNotTell, HarnessError, in_the_way
@@ -25,28 +25,28 @@ from harness.standalone import output
 
 GROUPS = {
     "find out": {
-        "explain": ("harness.commands.explain", "name the cause of a failure: from a log, or around a command"),
-        "known": ("harness.commands.known", "list measured packages and known issues, or open one"),
-        "recommend": ("harness.commands.recommend", "name versions that were measured together and work"),
+        "explain": ("harness.commands.explain", "explain a failure: its cause and its fix, from a log or a command"),
+        "known": ("harness.commands.known", "list measured packages and known issues, or show one"),
+        "recommend": ("harness.commands.recommend", "recommend versions that were measured together and work"),
         "check": ("harness.commands.check", "check requirement files or an environment against measured results"),
-        "upgrade": ("harness.commands.upgrade", "foresee an upgrade: would it install, run, behave and look the same"),
+        "upgrade": ("harness.commands.upgrade", "predict what an upgrade changes: install, run, behaviour, pictures"),
         "try": ("harness.commands.try_", "measure one combination of requirements"),
-        "doctor": ("harness.commands.doctor", "inspect an environment, and name the nearest versions that work"),
+        "doctor": ("harness.commands.doctor", "inspect an environment, and name the closest versions that work"),
         "repair": ("harness.commands.repair", "find the smallest change that makes a combination work"),
         "bisect": ("harness.commands.bisect", "find the release, day or Python at which a combination broke"),
-        "compare": ("harness.commands.compare", "tell whether two combinations behave the same"),
-        "show": ("harness.commands.show", "show all that is known of one combination"),
+        "compare": ("harness.commands.compare", "compare how two combinations behave"),
+        "show": ("harness.commands.show", "show everything known about one combination"),
     },
     "measure": {
         "init": ("harness.commands.init", "write a matrix, a nox session and a workflow for your project"),
-        "plan": ("harness.commands.plan", "list the combinations of a matrix, and which were dropped"),
+        "plan": ("harness.commands.plan", "list the combinations of a matrix, and those left out"),
         "lock": ("harness.commands.lock", "resolve every combination to hash-pinned requirements"),
         "run": ("harness.commands.run", "lock, build, install, test and report every combination of a matrix"),
-        "freeze": ("harness.commands.freeze", "write how an environment behaves, and check that it still does"),
-        "fetch": ("harness.commands.fetch", "download all that a matrix needs, to measure without network"),
+        "freeze": ("harness.commands.freeze", "write how an environment behaves, or check that it still does"),
+        "fetch": ("harness.commands.fetch", "download all that a matrix needs, to measure it without network"),
     },
     "publish": {
-        "report": ("harness.commands.report", "make tables from stored results"),
+        "report": ("harness.commands.report", "print or write the tables of stored results"),
         "merge": ("harness.commands.merge", "merge the reports of shards and machines into one"),
         "site": ("harness.commands.site", "build a static site from reports"),
         "accept": ("harness.commands.accept", "write an expectation for each combination that fails now"),
@@ -83,8 +83,7 @@ def main(arguments: Sequence[str]) -> int:
     try:
         verb, rest = _verb(arguments)
         module = _imported(VERBS[verb][0])
-        parser = argparse.ArgumentParser(prog=f"simmatrix {verb}", description=module.HELP)
-        module.add_arguments(parser)
+        parser = verb_parser(verb, module)
         parsed = _parsed(module, parser, rest)
         _stand_somewhere()
         interrupts.orderly()  # not while modules are imported: some crash where a signal raises in them
@@ -92,7 +91,9 @@ def main(arguments: Sequence[str]) -> int:
         print(end="", flush=True)  # what cannot be written any more is known here, not when Python ends
         return code
     except HarnessError as error:
-        print(f"simmatrix: {error}", file=sys.stderr)
+        from harness.commands import verb_help  # noqa: PLC0415 - start-up
+
+        verb_help.print_error(f"simmatrix: {error}")
         return error.exit_code
     except KeyboardInterrupt:
         print(interrupts.sentence(interrupts.INTERRUPTED), file=sys.stderr)
@@ -102,6 +103,40 @@ def main(arguments: Sequence[str]) -> int:
         return interrupts.TERMINATED
     except Exception as error:
         return _unforeseen(error)
+
+
+def verb_parser(verb: str, module: Any) -> argparse.ArgumentParser:
+    """Return the parser of a verb with the options that its module declares."""
+    parser = _VerbParser(verb, module.HELP)
+    module.add_arguments(parser)
+    return parser
+
+
+class _VerbParser(argparse.ArgumentParser):
+    """Parses the arguments of a verb. Exit codes and examples are read only when its help is shown."""
+
+    def __init__(self, verb: str, text: str) -> None:
+        super().__init__(
+            prog=f"simmatrix {verb}", description=text, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+        self.verb, self.text = verb, text
+
+    def format_help(self) -> str:
+        """Return the help, wrapped for the terminal. Commands to copy stay on one line."""
+        import shutil  # noqa: PLC0415 - start-up
+
+        from harness.commands import verb_help  # noqa: PLC0415 - start-up
+
+        width = shutil.get_terminal_size().columns - 2
+        self.description = verb_help.wrap(self.text, width)
+        self.epilog = verb_help.epilog(self.verb, width)
+        return super().format_help()
+
+    def error(self, message: str) -> NoReturn:
+        """Print the usage, where every option is explained, and last what is wrong; exit with 2."""
+        self.print_usage(sys.stderr)
+        print(f"`{self.prog} --help` explains every option, with examples.", file=sys.stderr)
+        self.exit(BadInput.exit_code, f"{self.prog}: error: {message}\n")
 
 
 def _stand_somewhere() -> None:
@@ -187,7 +222,7 @@ def _help_of_verbs() -> Iterator[str]:
         yield f"{purpose}:"
         yield from (f"  {verb:<{width}}  {text}" for verb, (_, text) in verbs.items())
         yield ""
-    yield "`simmatrix VERB --help` tells the rest."
+    yield "`simmatrix VERB --help` explains the options of a verb, with examples."
 
 
 class _Version(argparse.Action):

@@ -69,7 +69,7 @@ def offer_sessions(names: Iterable[str]) -> Iterator[Offer]:
             plan = open_matrix.load(name, _say, offline=True)
             # One matrix may be named twice, as `a.toml` and `./a.toml`: its sessions are offered once.
             if plans.setdefault(plan.matrix, plan) != plan:
-                message = f"{name}: another matrix is called {plan.matrix} as well, and so are its cells; rename it"
+                message = f"{name}: another matrix has the name {plan.matrix}, too; rename one of them"
                 raise BadInput(message)
             if plans[plan.matrix] is plan:
                 yield from sessions(name, plan.matrix, plan.cells)
@@ -150,7 +150,7 @@ def _run(session: nox.Session, reason: str, name: str, glob: str, *options: str)
         output.seek(0)
         content = output.read()
     if not content:
-        session.error("inconclusive: no report was made; the reason is above")
+        session.error("inconclusive: no report was written; the reason is above")
     report = document.read(content.encode(), "the report")
     _end(session, [entry for entry in report.cells if cellid.fits(glob, entry)], report.stale)
 

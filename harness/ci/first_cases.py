@@ -226,7 +226,7 @@ def _failure(assessed: Assessed, case: str) -> str | None:
 
 def _trouble(assessed: Assessed) -> str:
     """Return the reason why a cell did not reach its cases."""
-    return f"{assessed.verdict.replace('_', ' ')}: {assessed.decisive or 'no line says why'}"
+    return f"{assessed.verdict.replace('_', ' ')}: {assessed.decisive or 'no line of the output explains it'}"
 
 
 def by_preference(pythons: Iterable[str], baseline: str | None) -> tuple[str, ...]:

@@ -21,18 +21,28 @@ from harness.reports import document, expectation_writer, publishing
 from harness.running import open_matrix
 from harness.running.signatures import shipped_signatures
 
-HELP = "Write expectations for cells that are red now, each with its reason, into the matrix file."
+HELP = (
+    "Write an expectation for each combination that fails now into the matrix file, with your reason. From then on,"
+    " only another result is reported as unexpected."
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `accept`."""
     arguments.matrix(parser)
-    parser.add_argument("-k", metavar="GLOB", required=True, help="cells whose id matches, e.g. '*mujoco4*'")
-    parser.add_argument("--reason", metavar="TEXT", required=True, type=_reason, help="why they are red")
-    parser.add_argument("--until", metavar="DATE", type=_until, help="when the expectation is out of date [never]")
-    parser.add_argument("--link", metavar="URL", help="where more is said of it")
-    parser.add_argument("--report", metavar="SOURCE", help="a report.json or its folder [what was measured here]")
-    parser.add_argument("--dry-run", action="store_true", help="print the tables, and write nothing")
+    parser.add_argument("-k", metavar="GLOB", required=True, help="combinations whose id matches, such as '*mujoco-4*'")
+    parser.add_argument("--reason", metavar="TEXT", required=True, type=_reason, help="why they fail")
+    parser.add_argument(
+        "--until",
+        metavar="DATE",
+        type=_until,
+        help="day after which the expectation is out of date, such as 2027-01-31 (default: never)",
+    )
+    parser.add_argument("--link", metavar="URL", help="a page about the failure")
+    parser.add_argument(
+        "--report", metavar="SOURCE", help="a report.json or its folder (default: results of this machine)"
+    )
+    parser.add_argument("--dry-run", action="store_true", help="print the expectations, and write nothing")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -93,7 +103,9 @@ def _load_entries(plan: Plan) -> dict[str, list[CellEntry]]:
     here = this_machine.facts()
     records = [record for cell in dated.cells if (record := publishing.load_record(opened, here.id, cell))]
     if not records:
-        message = f"{plan.matrix}: nothing of it was measured here; run it first, or name a report.json with --report"
+        message = (
+            f"{plan.matrix}: no results on this machine; run `simmatrix run` first, or name a report.json with --report"
+        )
         raise BadInput(message)
     causes = shipped_signatures.load_knowledge(opened.folder)
     return _by_id(document.build(records, [dated], {here.id: here.facts}, store.now(), knowledge=causes).cells)
@@ -111,7 +123,7 @@ def _read_entries(source: str, plan: Plan) -> dict[str, list[CellEntry]]:
         # An id is not enough: after a change of the matrix it may belong to a cell that asks for something else.
         identity = (dict(cell.axes), cell.python, dict(cell.environment), mark(cell))
         if identity != (entry.axes, entry.requested_python, entry.environment, entry.asked):
-            message = f"{path}: {entry.id} was another cell then; measure the matrix as it is now"
+            message = f"{path}: {entry.id} has changed in the matrix since; measure it again"
             raise BadInput(message)
     if not entries:
         message = f"{path}: has no cell of {plan.matrix}"
@@ -129,9 +141,9 @@ def _by_id(entries: Sequence[CellEntry]) -> dict[str, list[CellEntry]]:
 def _standing(chosen: Sequence[Cell], entries: dict[str, list[CellEntry]]) -> str:
     decided_count = sum(any(entry.verdict not in UNTOLD for entry in entries.get(cell.id, ())) for cell in chosen)
     untold = len(chosen) - decided_count
-    rest = f"; of {format_count(untold, 'cell')} nothing is known" if untold else ""
-    verb = "works or is" if decided_count == 1 else "work or are"
-    return f"{format_count(decided_count, 'cell')} of these {verb} red as expected{rest}"
+    rest = f"; {format_count(untold, 'combination')} without a result" if untold else ""
+    verb = "works or fails" if decided_count == 1 else "work or fail"
+    return f"{format_count(decided_count, 'combination')} {verb} as expected{rest}"
 
 
 # --- what the user gave ----------------------------------------------------------------------------------------
@@ -148,7 +160,7 @@ def _editable(name: str) -> Path:
 
 def _reason(text: str) -> str:
     if not text.strip():
-        message = "say why these cells are red"
+        message = "give the reason why these combinations fail"
         raise argparse.ArgumentTypeError(message)
     return text.strip()
 
@@ -160,6 +172,6 @@ def _until(text: str) -> str:
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     if instant < store.now():
-        message = f"{text} has passed already"
+        message = f"{text} has passed already; name a later day"
         raise argparse.ArgumentTypeError(message)
     return text

@@ -31,7 +31,9 @@ from harness.running.open_matrix import REUSED_FOR_HOURS
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options that describe the combination to try."""
-    parser.add_argument("requirements", metavar="REQUIREMENT", nargs="*", help="such as 'gymnasium[mujoco]==1.2.3'")
+    parser.add_argument(
+        "requirements", metavar="REQUIREMENT", nargs="*", help="a requirement such as 'gymnasium[mujoco]==1.2.3'"
+    )
     parser.add_argument(
         "-r",
         dest="files",
@@ -39,18 +41,47 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         action="append",
         default=[],
-        help="requirements.txt, pyproject.toml, pylock.toml or environment.yml",
+        help="requirements.txt, pyproject.toml, pylock.toml or environment.yml; may be repeated",
     )
-    parser.add_argument("--subject", metavar="PATH", help="put this project, wheel or git+ADDRESS@REFERENCE on top")
-    parser.add_argument("--extra", metavar="NAME", action="append", default=[], help="an extra of the pyproject.toml")
-    parser.add_argument("--group", metavar="NAME", action="append", default=[], help="a group of the pyproject.toml")
-    parser.add_argument("--python", metavar="V", help="version, `host` or path [the active environment's, or newest]")
-    parser.add_argument("--env", metavar="ID", action="append", default=[], help="an environment id; may be repeated")
-    parser.add_argument("--api", metavar="A", help="the API that the environments speak")
     parser.add_argument(
-        "--import", dest="imports", metavar="MODULE", action="append", default=[], help="a module to import first"
+        "--subject", metavar="PATH", help="also install this project: a folder, a wheel or git+URL@REFERENCE"
     )
-    parser.add_argument("--set", metavar="N=V", action="append", default=[], help="an environment variable of the cell")
+    parser.add_argument(
+        "--extra", metavar="NAME", action="append", default=[], help="an extra of the pyproject.toml; may be repeated"
+    )
+    parser.add_argument(
+        "--group",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="a dependency group of the pyproject.toml; may be repeated",
+    )
+    parser.add_argument(
+        "--python", metavar="V", help="a version, a path, or `host` (default: of the active environment, or the newest)"
+    )
+    parser.add_argument(
+        "--env",
+        metavar="ID",
+        action="append",
+        default=[],
+        help="an environment to run, such as Ant-v5; may be repeated",
+    )
+    parser.add_argument("--api", metavar="A", help="API of the environments, such as gym (default: found by their ids)")
+    parser.add_argument(
+        "--import",
+        dest="imports",
+        metavar="MODULE",
+        action="append",
+        default=[],
+        help="import this module before an environment is made; may be repeated",
+    )
+    parser.add_argument(
+        "--set", metavar="N=V", action="append", default=[], help="set an environment variable; may be repeated"
+    )
+    _add_resolver_options(parser)
+
+
+def _add_resolver_options(parser: argparse.ArgumentParser) -> None:
     for option, meaning in RESOLVER_OPTIONS.items():
         parser.add_argument(option, metavar="R", action="append", default=[], help=meaning)
     parser.add_argument(
@@ -60,20 +91,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         const=EVERY,
         default=[],
-        help="repair releases that no resolver accepts: of this package, or of every one that has a recipe",
+        help="patch releases with invalid metadata: of PACKAGE, or of all packages that have a recipe",
     )
-    parser.add_argument("--as-of", metavar="INSTANT", help="resolve as the index stood then (UTC), e.g. 2024-01-31")
-    parser.add_argument("--torch-backend", metavar="B", default="cpu", help="uv's: cpu, auto, cu126, ... [%(default)s]")
+    parser.add_argument(
+        "--as-of", metavar="INSTANT", help="resolve as the package index stood then (UTC), such as 2024-01-31"
+    )
+    parser.add_argument(
+        "--torch-backend",
+        metavar="B",
+        default="cpu",
+        help="build of PyTorch: cpu, auto, cu126, ... (default: %(default)s)",
+    )
 
 
 EVERY = ":all:"
 """What `--overlay` means that names no package."""
 
 RESOLVER_OPTIONS = {
-    "--constraint": "bound a package without asking for it",
-    "--override": "replace what other packages say of this one",
-    "--build-constraint": "bound what sdists are built with",
-    "--only-binary": "never build this package from source (`:all:` for every one)",
+    "--constraint": "limit the versions of a package if something needs it",
+    "--override": "replace the requirements of all packages for this one",
+    "--build-constraint": "limit the versions of build tools of source distributions",
+    "--only-binary": "never build this package from source; `:all:`: no package",
 }
 
 
@@ -95,7 +133,7 @@ class CellInputs:
 
 
 def read(args: argparse.Namespace) -> CellInputs:
-    """Read the files. Print a note for each part that is not modelled, or read unlike pip. Raises BadInput."""
+    """Read the files. Print a note for each part that is not supported, or read unlike pip. Raises BadInput."""
     tested = _subject(args) if args.subject else None
     of_files = ([], []) if tested else (args.extra, args.group)
     given = inputs.read(args.files, extras=of_files[0], groups=of_files[1])
@@ -153,8 +191,8 @@ def _detect_api(options: plan.TrialOptions, cell: Cell, python: str, runner: sch
     brought = [api for api in (GYMNASIUM, GYM) if lock and api in lock.versions]
     if lock and not brought:
         message = (
-            f"--env {env}: nothing that is asked for brings {' or '.join(FAMILY)}; name one of them, too, "
-            f"or what it speaks with --api ({', '.join(api for api in APIS if api not in FAMILY)}); {OWN}"
+            f"--env {env}: no requirement brings {' or '.join(FAMILY)}; add one of them, "
+            f"or its API with --api ({', '.join(api for api in APIS if api not in FAMILY)}); {OWN}"
         )
         raise BadInput(message)
     return brought[0] if brought else None
@@ -208,7 +246,7 @@ def _asked_python(text: str) -> str:
     """Return the value of `--python`. Raises BadInput if it is a path without a Python, or no version."""
     if "/" in text:
         if interpreters.find(text) is None:
-            message = f"--python {text}: there is no Python here that can be run"
+            message = f"--python {text}: no such Python on this machine; name a version such as 3.11, or a path"
             raise BadInput(message)
     elif text != HOST:
         with locate_errors("--python"):
@@ -250,6 +288,6 @@ def _choose_version(allowed: SpecifierSet) -> str:
     pinned = [each.version for each in allowed if each.operator == "==" and not each.version.endswith(".*")]
     version = next((v for v in (*pinned, *(f"3.{minor}" for minor in range(7, 100))) if allowed.contains(v)), None)
     if version is None:
-        message = f"try: no Python is allowed by all that was given: {allowed}; name one with --python"
+        message = f"try: no Python version satisfies all requirements: {allowed}; name one with --python"
         raise BadInput(message)
     return version

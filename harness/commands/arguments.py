@@ -12,12 +12,12 @@ from harness.running import scheduler, shards
 
 def matrix(parser: argparse.ArgumentParser) -> None:
     """Add the name of one matrix."""
-    parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
+    parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in matrix")
 
 
 def jobs(parser: argparse.ArgumentParser) -> None:
     """Add `--jobs`."""
-    meaning = "cells at a time, or auto: as many as there are cores and memory for [cores]"
+    meaning = "measure N combinations at a time; `auto`: as many as cores and memory allow (default: one per core)"
     parser.add_argument("-j", "--jobs", type=_jobs, default=scheduler.default_jobs(), metavar="N", help=meaning)
 
 
@@ -26,14 +26,16 @@ def _jobs(text: str) -> int:
     if text == "auto":
         return scheduler.AUTO
     if not text.isdigit() or int(text) < 1:
-        message = f"{text!r} is not a number of cells at a time, nor auto"
+        message = f"{text!r} is neither a number of at least 1 nor `auto`"
         raise argparse.ArgumentTypeError(message)
     return int(text)
 
 
 def shard(parser: argparse.ArgumentParser) -> None:
     """Add `--shard`."""
-    parser.add_argument("--shard", type=_shard, metavar="I/N", help="only this one of N parts of about equal time")
+    parser.add_argument(
+        "--shard", type=_shard, metavar="I/N", help="measure part I of N only; all parts take about equally long"
+    )
 
 
 def _shard(text: str) -> shards.Shard:
@@ -46,22 +48,23 @@ def _shard(text: str) -> shards.Shard:
 
 def durations(parser: argparse.ArgumentParser) -> None:
     """Add `--durations`."""
-    meaning = "a report.json whose seconds balance the shards [the committed report's]"
+    meaning = "balance the shards by the times in this report.json (default: the committed report); may be repeated"
     parser.add_argument("--durations", type=Path, metavar="FILE", action="append", default=[], help=meaning)
 
 
 def offline(parser: argparse.ArgumentParser) -> None:
     """Add `--offline`."""
-    parser.add_argument("--offline", action="store_true", help="use what is in the caches, never the network")
+    parser.add_argument("--offline", action="store_true", help="use the caches only, never the network")
 
 
 def verify(parser: argparse.ArgumentParser) -> None:
     """Add `--verify`."""
-    meaning = "one process per check, failures confirmed, environments checked file by file"
+    meaning = "run each check in a process of its own, repeat failures, compare installed files with their hashes"
     parser.add_argument("--verify", action="store_true", help=meaning)
 
 
 def fail_on(parser: argparse.ArgumentParser, default: Sequence[str] = publishing.DEFAULT_FAIL_ON) -> None:
     """Add `--fail-on`."""
-    meaning = f"comma-separated, of {', '.join(publishing.FAIL_ON)} [{','.join(default)}]"
+    kinds = ", ".join(publishing.FAIL_ON)
+    meaning = f"exit with status 1 for results that are {kinds}; separate with commas (default: {','.join(default)})"
     parser.add_argument("--fail-on", type=publishing.kinds, default=default, metavar="KINDS", help=meaning)

@@ -23,7 +23,6 @@ from harness.model.schema import locate_errors
 from harness.model.vocabulary import PackageName
 from harness.probes import array_files
 from harness.probes.vault import Vault
-from harness.reports import publishing
 from harness.reports.answers import result_index
 from harness.reports.text import progress
 from harness.rootcause import search_documents
@@ -41,9 +40,9 @@ from harness.standalone.failures.silent import plainly_good
 from harness.standalone.output import print_json
 
 HELP = (
-    "Find where a cell stops working: along the releases of a package, the days of the index, or the Pythons of this"
-    " machine. Both ends are confirmed, a good one is found where none is given. Exits with 0 where the boundary was"
-    " found, 1 where there is none, 3 where it cannot be told here."
+    "Find the release, day or Python version at which a combination stopped working. Choose one line to search: the"
+    " releases of a package (--axis), the state of the package index by date (--date), or the Pythons of this machine"
+    " (--python). Both ends are measured first. Without --good, a working end is searched for."
 )
 CODES = {Status.FOUND: 0, Status.REFUSED: 1, Status.NO_GOOD_END: 1, Status.STOPPED: 3, Status.UNTOLD: 3}
 DATE, PYTHON = "--date", "--python"
@@ -55,32 +54,48 @@ HINTS = 2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `bisect`."""
-    parser.add_argument("cell", metavar="CELL", help="a cell of a matrix (MATRIX/LABEL) or of `try`")
+    parser.add_argument(
+        "cell", metavar="CELL", help="id of a combination: of a matrix, or of an earlier `simmatrix try`"
+    )
     along = parser.add_mutually_exclusive_group(required=True)
-    along.add_argument("--axis", metavar="PACKAGE", help="along the releases of a package that exist for its Python")
-    along.add_argument(DATE, action="store_true", help="along the days of the index, everything resolved as of then")
-    along.add_argument(PYTHON, action="store_true", help="along the Pythons of this machine")
-    parser.add_argument("--good", metavar="V", help="the end that works [it is looked for]")
-    parser.add_argument("--bad", metavar="V", help="the end that does not [the cell as it is]")
-    parser.add_argument(
-        "--behaves", action="store_true", help="another behaviour than that of --good is bad, from the same states"
+    along.add_argument("--axis", metavar="PACKAGE", help="search the releases of this package")
+    along.add_argument(
+        DATE, action="store_true", help="search days: all packages are resolved as the index stood on that day"
     )
-    parser.add_argument("--env", metavar="ID", help="with --behaves: the environment, where the cell has several")
-    parser.add_argument("--any", action="store_true", help="any failure is bad, not the same one only")
-    parser.add_argument("--yanked", action="store_true", help="yanked releases, too")
-    parser.add_argument("--pre", action="store_true", help="pre-releases, too")
-    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help="cells to measure at most [%(default)s]")
+    along.add_argument(PYTHON, action="store_true", help="search the Python versions of this machine")
+    parser.add_argument("--good", metavar="V", help="a release, day or Python that works (default: searched for)")
     parser.add_argument(
-        "--minutes", type=float, default=MINUTES, metavar="M", help="minutes to take at most [%(default)g]"
+        "--bad", metavar="V", help="a release, day or Python that fails (default: the combination as it is)"
     )
     parser.add_argument(
-        "--confidence", type=float, default=CONFIDENCE, metavar="P", help="how sure to be of the boundary [%(default)g]"
+        "--behaves",
+        action="store_true",
+        help="find a change of behaviour instead of a failure: step from the same states as --good",
+    )
+    parser.add_argument(
+        "--env", metavar="ID", help="the environment that --behaves compares, if the combination has several"
+    )
+    parser.add_argument("--any", action="store_true", help="treat any failure as bad, not just the original one")
+    parser.add_argument("--yanked", action="store_true", help="include yanked releases")
+    parser.add_argument("--pre", action="store_true", help="include pre-releases")
+    parser.add_argument(
+        "--runs", type=int, default=RUNS, metavar="N", help="measure at most N combinations (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--minutes", type=float, default=MINUTES, metavar="M", help="stop after M minutes (default: %(default)g)"
+    )
+    parser.add_argument(
+        "--confidence",
+        type=float,
+        default=CONFIDENCE,
+        metavar="P",
+        help="repeat unreliable results until this probability is reached (default: %(default)g)",
     )
     arguments.offline(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where the certificate goes [.harness/bisects/...]")
     parser.add_argument(
-        "--json", action="store_true", help="print the certificate as JSON, and nothing else, on stdout"
+        "--out", type=Path, metavar="DIR", help="write the certificate to this folder (default: .harness/bisects/...)"
     )
+    parser.add_argument("--json", action="store_true", help="print the certificate as JSON on stdout, and nothing else")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -114,8 +129,8 @@ def main(args: argparse.Namespace) -> int:
     if interpreter is None:
         raise CouldNotTell(interpreters.hint(cell.python))
     with (
-        progress.Progress(0, 1, publishing.headline) as board,
-        Bench(opened, settings, scheduler.QuietObserver(board), Bounds(runs=args.runs, minutes=args.minutes)) as bench,
+        progress.SearchProgress(args.runs, args.minutes) as board,
+        Bench(opened, settings, board, Bounds(runs=args.runs, minutes=args.minutes)) as bench,
     ):
         if args.behaves:
             cell, behaves = _behaviour(args, cell, opened, settings, bench.observer)
@@ -124,7 +139,7 @@ def main(args: argparse.Namespace) -> int:
             # --date needs the lock even where --bad is given: the days are those of uploads of its packages.
             base = bench.measure(cell, keep=not behaves) if args.date or not args.bad else None
         except BudgetExhausted as spent:
-            message = f"{spent} before the cell itself was measured; allow more"
+            message = f"{spent} before the combination itself was measured; raise --runs or --minutes"
             raise CouldNotTell(message) from None
         line, task = _task(request, base)
         search = Bisection(replace(task, behaves=behaves), bench, board.say)
@@ -148,13 +163,13 @@ def _wrapped(lines: Iterable[str], columns: int | None) -> Iterator[str]:
 
 def _check(args: argparse.Namespace) -> None:
     if not 0.5 < args.confidence < 1:
-        message = f"--confidence {args.confidence:g}: name a chance between 0.5 and 1, such as {CONFIDENCE:g}"
+        message = f"--confidence {args.confidence:g}: name a probability between 0.5 and 1, such as {CONFIDENCE:g}"
         raise BadInput(message)
     if args.runs < 1 or args.minutes <= 0:
         message = "--runs and --minutes: name a number above 0"
         raise BadInput(message)
     if args.behaves and (args.any or not args.good):
-        message = "--behaves: name the end that behaves rightly with --good; a failure (--any) is no behaviour"
+        message = "--behaves: name the end with the right behaviour by --good, and leave out --any"
         raise BadInput(message)
     if args.axis:
         with locate_errors("--axis"):
@@ -185,7 +200,7 @@ def _task(request: BisectRequest, base: Trial | None) -> tuple[Candidates, Task]
     line = _line(request, held)
     own = _name_unchanged(request, held)
     if args.bad is None and own is None:
-        message = f"bisect {args.cell}: its lock holds no {args.axis}; name the end that fails with --bad"
+        message = f"bisect {args.cell}: its lock does not contain {args.axis}; name the failing end with --bad"
         raise BadInput(message)
     if own is not None and args.bad is None:
         # The release of the cell may be missing on the line, as a yanked one is.
@@ -198,7 +213,10 @@ def _task(request: BisectRequest, base: Trial | None) -> tuple[Candidates, Task]
         raise BadInput(message)
     if len(line.candidates) < 2:
         left_out = "; ".join(line.left_out)
-        message = f"bisect {args.cell}: there is nothing else along {request.axis}{f'; {left_out}' if left_out else ''}"
+        message = (
+            f"bisect {args.cell}: there is nothing else to try along "
+            f"{request.axis}{f'; {left_out}' if left_out else ''}"
+        )
         raise BadInput(message)
     return line, Task(
         cell=request.cell,

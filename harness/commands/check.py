@@ -19,9 +19,8 @@ from harness.standalone import wrapping
 from harness.standalone.output import print_json
 
 HELP = (
-    "Check requirement files, or the environment at hand, against measured results: what works, what does not, what "
-    "changes the physics, what was never measured. Nothing is installed. Exit status 1: something fails or may change;"
-    " 3: something was never measured."
+    "Check requirement files, or the active environment, against measured results: which versions work, which fail,"
+    " which change the physics, and which were never measured. Nothing is installed."
 )
 MOST = 5
 """Findings of a kind that are shown."""
@@ -31,23 +30,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `check`."""
     parser.add_argument("-r", "--requirements", dest="files", type=Path, metavar="FILE", nargs="+", action="extend",
                         help="requirements.txt, pyproject.toml, uv.lock, pylock.toml or environment.yml"
-                             " [the environment at hand]")  # fmt: skip
-    parser.add_argument("--extra", metavar="NAME", action="append", default=[], help="an extra of a project")
-    parser.add_argument("--group", metavar="NAME", action="append", default=[], help="a dependency group of a project")
-    parser.add_argument("--python", metavar="V|PATH", help="the Python of the files; or an environment to check")
-    parser.add_argument("--env", metavar="ID", help="only this environment, such as Ant-v5")
-    parser.add_argument("--each", action="store_true", help="check every file for itself, not all together")
+                             " (default: the active environment)")  # fmt: skip
+    parser.add_argument(
+        "--extra", metavar="NAME", action="append", default=[], help="an extra of the pyproject.toml; may be repeated"
+    )
+    parser.add_argument(
+        "--group",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="a dependency group of the pyproject.toml; may be repeated",
+    )
+    parser.add_argument(
+        "--python", metavar="V|PATH", help="with -r: the Python version; without: the environment to check"
+    )
+    parser.add_argument("--env", metavar="ID", help="only results of this environment, such as Ant-v5")
+    parser.add_argument("--each", action="store_true", help="check each file separately, not all files together")
     parser.add_argument("--fail-on", type=_kinds, default=check_document.FAIL_ON, metavar="KINDS",
-                        help=f"comma-separated, of {', '.join(check_document.FAIL_ON)} [all]")  # fmt: skip
+                        help="exit status 0 unless there is a finding of such a kind:"
+                             f" {', '.join(check_document.FAIL_ON)}; separate with commas (default: all)")  # fmt: skip
     parser.add_argument("--all", action="store_true", help="show every finding")
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 def _kinds(text: str) -> tuple[str, ...]:
     kinds = tuple(name.strip() for name in text.split(",") if name.strip())
     unknown = [kind for kind in kinds if kind not in check_document.FAIL_ON]
     if unknown or not kinds:
-        message = f"{(unknown or [text])[0]!r} is none of {', '.join(check_document.FAIL_ON)}"
+        message = f"unknown kind {(unknown or [text])[0]!r}; choose from {', '.join(check_document.FAIL_ON)}"
         raise argparse.ArgumentTypeError(message)
     return kinds
 
@@ -84,7 +94,7 @@ def _read(args: argparse.Namespace, files: list[Path]) -> project.Project:
     try:
         python = str(Version(args.python)) if args.python else None
     except InvalidVersion:
-        message = f'check: --python "{args.python}" is no version such as 3.11, which files need'
+        message = f'check: --python "{args.python}" is not a version; write one such as 3.11'
         raise BadInput(message) from None
     here = project.read_files(files, args.extra, args.group, python)
     unknown_names.refuse_unknown(here, files, lambda text: print(text, file=sys.stderr))

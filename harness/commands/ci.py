@@ -25,8 +25,8 @@ from harness.reports.text import github_annotations
 from harness.running import open_matrix
 
 HELP = (
-    "Print a workflow that runs a matrix on GitHub, on GitLab, or on a Slurm cluster: plan, balanced shards, a merge"
-    " that judges. With --check, exit 1 when a file is out of date."
+    "Write a workflow that measures a matrix on GitHub, on GitLab or on a Slurm cluster. It plans, measures in balanced"
+    " shards, and merges the reports; the merge decides between success and failure."
 )
 
 FAIL_ON = ("unexpected", "stale", "not_run")
@@ -39,23 +39,33 @@ DIFFERENCES = 20
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `ci`."""
     parser.add_argument(
-        "matrix", metavar="MATRIX", help="a matrix file of this repository, or the name of a built-in one"
+        "matrix", metavar="MATRIX", help="a matrix file of this repository, or the name of a built-in matrix"
     )
-    parser.add_argument("--provider", choices=[one.value for one in Provider], default="github", help="[github]")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write it to a file instead of stdout")
-    parser.add_argument("--check", type=Path, metavar="FILE", help="compare with a file; exit 1 when it is out of date")
-    parser.add_argument("--shards", type=_count, metavar="N", help="jobs to spread the cells over [by --minutes]")
-    parser.add_argument("--minutes", type=_count, default=15, metavar="M", help="work for one shard [15]")
-    arguments.durations(parser)
+    parser.add_argument("--provider", choices=[one.value for one in Provider], default="github", metavar="PROVIDER",
+                        help="github, gitlab or slurm (default: github)")  # fmt: skip
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the workflow to this file (default: stdout)")
     parser.add_argument(
-        "--limit", type=_count, default=90, metavar="M", help="minutes after which a shard is ended [90]"
+        "--check", type=Path, metavar="FILE", help="compare with this file; exit status 1 if it is out of date"
     )
-    parser.add_argument("--install", metavar="WORDS", help="what pip is to install [this version of simmatrix]")
-    parser.add_argument("--python", default="3.11", metavar="V", help="the Python that simmatrix runs on [3.11]")
-    parser.add_argument("--branch", default="main", metavar="NAME", help="GitHub: pushes to it are measured [main]")
-    parser.add_argument("--runner", metavar="NAME", help="GitHub's runner [ubuntu-24.04], GitLab's image")
+    parser.add_argument(
+        "--shards", type=_count, metavar="N", help="number of jobs (default: as many as --minutes asks for)"
+    )
+    parser.add_argument("--minutes", type=_count, default=15, metavar="M", help="minutes of work per job (default: 15)")
+    arguments.durations(parser)
+    parser.add_argument("--limit", type=_count, default=90, metavar="M", help="end a job after M minutes (default: 90)")
+    parser.add_argument(
+        "--install", metavar="WORDS", help="what pip installs in the workflow (default: this version of simmatrix)"
+    )
+    parser.add_argument("--python", default="3.11", metavar="V", help="the Python that runs simmatrix (default: 3.11)")
+    parser.add_argument(
+        "--branch", default="main", metavar="NAME", help="GitHub: pushes to this branch are measured (default: main)"
+    )
+    parser.add_argument(
+        "--runner", metavar="NAME", help="GitHub: the runner (default: ubuntu-24.04); GitLab: the image"
+    )
     arguments.fail_on(parser, FAIL_ON)
-    parser.add_argument("--emit", choices=EMITTED, default=EMITTED[0], help="what a workflow asks for when it plans")
+    parser.add_argument("--emit", choices=EMITTED, default=EMITTED[0], metavar="PART",
+                        help="print workflow, summary or shards; for use in workflows (default: workflow)")  # fmt: skip
 
 
 EMITTED = ("workflow", "summary", "shards")
@@ -93,7 +103,7 @@ def main(args: argparse.Namespace) -> int:
 
 def _count(text: str) -> int:
     if not text.isdigit() or int(text) < 1:
-        message = f"{text!r} is not a number of at least 1"
+        message = f"{text!r} is not a whole number of at least 1"
         raise argparse.ArgumentTypeError(message)
     return int(text)
 
@@ -118,7 +128,7 @@ def workflow(args: argparse.Namespace, plan: Plan, count: int) -> str:
     """Return the text of the workflow file: the same bytes for the same matrix, options and version."""
     provider = Provider(args.provider)
     for option in _given(args, pipelines.FOREIGN[provider]):
-        message = f"{option}: means nothing to {provider}; leave it out"
+        message = f"{option}: has no effect on {provider}; leave it out"
         raise BadInput(message)
     path = _in_repository(args.matrix) if args.matrix.endswith(".toml") else None
     matrix = pipelines.plain(path or args.matrix, "MATRIX")
@@ -184,7 +194,9 @@ def _in_repository(name: str) -> str:
     here = Path.cwd()
     root = next((folder for folder in (here, *here.parents) if (folder / ".git").exists()), here)
     if root != here:
-        message = f"{name}: a workflow starts at the root of its repository; run this there, in {os.path.relpath(root)}"
+        message = (
+            f"{name}: workflows run at the root of the repository; run this command there, in {os.path.relpath(root)}"
+        )
         raise BadInput(message)
     path = Path(os.path.relpath(name))
     if ".." in path.parts:

@@ -31,9 +31,8 @@ from harness.standalone import wrapping
 from harness.standalone.output import print_json
 
 HELP = (
-    "Step two cells from the same states and tell what differs first, and by how much; where drawn, how they look, and "
-    "how the policy of a case does. "
-    "Exit status 1: they behave otherwise; 3: it cannot be told."
+    "Compare how two combinations behave: step both from the same states, and name the first difference and its size."
+    " Where a matrix asks for it, also compare the pictures, and the return of a policy."
 )
 
 
@@ -68,13 +67,15 @@ class ComparedCells(msgspec.Struct, frozen=True, kw_only=True):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `compare`."""
-    parser.add_argument("cells", metavar="CELL", nargs=2, help="a cell's id, or a glob that matches one")
-    parser.add_argument("--env", metavar="ID", help="only this environment")
+    parser.add_argument("cells", metavar="CELL", nargs=2, help="id of a combination, or a glob that matches one")
+    parser.add_argument("--env", metavar="ID", help="only this environment, such as Ant-v5")
     parser.add_argument(
-        "--pixels", action="store_true", help="draw some of the states, too, also where no case asks for behave.pixels"
+        "--pixels",
+        action="store_true",
+        help="also compare pictures of some states, even if the matrix does not ask for `behave.pixels`",
     )
-    parser.add_argument("--offline", action="store_true", help="never ask the index")
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+    parser.add_argument("--offline", action="store_true", help="never ask the package index")
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:

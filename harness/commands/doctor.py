@@ -27,9 +27,9 @@ from harness.standalone.failures.remedies import in_words
 from harness.standalone.output import print_json
 
 HELP = (
-    "What is wrong with an environment: the one that is named, else the active one, else ./.venv, else PATH's Python."
-    " Nothing in it is changed. Exits with 1 where something was found, notes alone being nothing, and with 3 where it"
-    " cannot be looked at."
+    "Inspect an environment without changing it: conflicting versions, shadowed or duplicate modules, effects of"
+    " environment variables, and the closest combination that works. Without --python, this is the active environment,"
+    " else ./.venv, else the Python on PATH."
 )
 
 
@@ -121,27 +121,31 @@ class Doctored(msgspec.Struct, frozen=True, kw_only=True):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `doctor`."""
     parser.add_argument("--python", metavar="PATH", help="an interpreter, or the folder of an environment")
-    parser.add_argument("--env", metavar="ID", help="make and step this environment in it, too")
-    parser.add_argument("--api", metavar="A", help="the API that it speaks, such as gym where gymnasium is there, too")
-    parser.add_argument("--rendering", action="store_true", help="look at what draws, and on which device")
+    parser.add_argument("--env", metavar="ID", help="also make and step this environment in it")
+    parser.add_argument("--api", metavar="A", help="API of --env: gym or gymnasium, if both are installed")
     parser.add_argument(
-        "--prove", action="store_true", help="try the nearest known-good versions in a throw-away copy of it"
+        "--rendering", action="store_true", help="also check which library renders, and on which device"
     )
-    parser.add_argument("--offline", action="store_true", help="--prove: use what is in the caches, never the network")
+    parser.add_argument(
+        "--prove",
+        action="store_true",
+        help="measure the closest working versions in a temporary copy of the environment",
+    )
+    parser.add_argument("--offline", action="store_true", help="with --prove: use the caches only, never the network")
     parser.add_argument(
         "--standalone",
         type=Path,
         metavar="FILE",
-        help="write explain and doctor as one file that needs Python 3.7, only",
+        help="write explain and doctor as one file that runs on any Python from 3.7 on",
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:
     """Inspect the environment, print the findings, and return the exit code."""
     if args.standalone:
         doctor_pyz.write(args.standalone)
-        print(f"{args.standalone}: type `python {args.standalone} doctor` or `... explain FILE` where no harness is")
+        print(f"{args.standalone}: run it with `python {args.standalone} doctor` on machines without simmatrix")
         return 0
     knowledge = doctor.Knowledge(explain.signatures(), result_index.load_plain)
     request = doctor.Request(args.python, args.env, dict(os.environ), str(Path.cwd()), api=args.api)

@@ -21,7 +21,7 @@ def read_environment(python: str | None) -> Project:
         raise BadInput(str(error)) from None
     held = packages.of_interpreter(choice.python, os.environ, folder)
     if held is None or not held.version:
-        message = f"{choice.python}: it cannot be determined which Python this is; name another with --python"
+        message = f"{choice.python}: its Python version cannot be determined; name another Python with --python"
         raise BadInput(message)
     # A local part such as `+cpu` names an index and not a release.
     versions = {name: text.partition("+")[0] for name, text in held.installed.items() if is_version(text)}

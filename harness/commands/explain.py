@@ -27,7 +27,8 @@ MOST = 20
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `explain`."""
     explain.add_arguments(parser)
-    parser.add_argument("--id", metavar="ID", help="open the known issue of this id, as other verbs print it")
+    parser.usage = f"{parser.usage}\n       %(prog)s --id ID [--json]"
+    parser.add_argument("--id", metavar="ID", help="show the known issue with this id; other verbs print such ids")
 
 
 def main(args: argparse.Namespace) -> int:

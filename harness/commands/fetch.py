@@ -27,18 +27,20 @@ from harness.running.offline.offline_bundle import FetchedCell, FetchedMatrix, M
 from harness.standalone.output import print_json
 
 HELP = (
-    "Bring locks, wheels, builds and Pythons of a matrix into a folder: `simmatrix run MATRIX --fetched DIR` needs no "
-    "network then. What is there already is kept; an interrupted fetch goes on where it was."
+    "Download everything that a matrix needs into a folder: locks, wheels, builds and Pythons. Then `simmatrix run"
+    " MATRIX --fetched DIR` needs no network. An interrupted download continues where it stopped."
 )
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `fetch`."""
     arguments.matrix(parser)
-    parser.add_argument("--to", type=Path, metavar="DIR", required=True, help="the folder, made where it is absent")
-    parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
+    parser.add_argument(
+        "--to", type=Path, metavar="DIR", required=True, help="the folder; it is created if it does not exist"
+    )
+    parser.add_argument("-k", metavar="GLOB", help="only combinations whose id matches")
     arguments.jobs(parser)
-    parser.add_argument("--json", action="store_true", help="print the manifest, and nothing else, on stdout")
+    parser.add_argument("--json", action="store_true", help="print the manifest as JSON on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -154,5 +156,5 @@ def _summary(fetched_cells: Sequence[FetchedCell], folder: Path, brought: int) -
     counted = (
         f"{format_count(len(fetched_cells), 'cell')}, {len(locked)} with a lock; {format_count(len(wheels), 'wheel')}"
     )
-    print(f"{counted}; {brought / 1e6:.1f} MB brought into {os.path.relpath(folder)}")
+    print(f"{counted}; {brought / 1e6:.1f} MB downloaded into {os.path.relpath(folder)}")
     print(f"without network: simmatrix run {fetched_cells[0].matrix} --fetched {os.path.relpath(folder)}")

@@ -22,7 +22,8 @@ def find(verb: str, text: str, opened: Store, *, offline: bool = False) -> tuple
     matrix, _, label = text.partition("/")
     if text.endswith(".toml") or not label:
         message = (
-            f'{verb} {text}: name a cell, as in "quickstart/py3.11_gymnasium-1.2.3_mujoco-3.3.7" or "quickstart/*"'
+            f'{verb} {text}: name a combination, such as "quickstart/py3.11_gymnasium-1.2.3_mujoco-3.3.7" '
+            'or "quickstart/*"'
         )
         raise BadInput(message)
     if matrix == plan.TRY_MATRIX:
@@ -45,7 +46,7 @@ def _find_try_cell(verb: str, text: str, opened: Store) -> tuple[Plan, Cell]:
 def _match_cell(verb: str, text: str, pattern: str, cells: Sequence[Cell]) -> Cell:
     matches = cellid.select(pattern, cells)
     if single(verb, text, [cell.id for cell in matches]) is None:
-        message = f"{verb} {text}: there is no such cell{suggestion(text, [cell.id for cell in cells])}"
+        message = f"{verb} {text}: no such combination{suggestion(text, [cell.id for cell in cells])}"
         raise BadInput(message)
     return matches[0]
 
@@ -54,6 +55,6 @@ def single(verb: str, text: str, ids: Sequence[str]) -> str | None:
     """Return the one id that a name on the command line matches; None if none. Raises BadInput if there are several."""
     if len(ids) > 1:
         more = f", and {len(ids) - LISTED} more" if len(ids) > LISTED else ""
-        message = f"{verb} {text}: matches {len(ids)} cells; name one of {', '.join(ids[:LISTED])}{more}"
+        message = f"{verb} {text}: matches {len(ids)} combinations; name one of {', '.join(ids[:LISTED])}{more}"
         raise BadInput(message)
     return next(iter(ids), None)

@@ -27,8 +27,8 @@ from harness.standalone import wrapping
 from harness.standalone.output import print_json
 
 HELP = (
-    "Write states of an environment, what each leads to and how much of that is rounding to a file; or check with "
-    "--check that a cell still behaves as the file says. Exit status 1: it does not; 3: it cannot be told."
+    "Write how an environment behaves to a file (--out): states, the results of each step, and their rounding. Or check"
+    " (--check) that a combination still behaves as such a file says."
 )
 
 
@@ -46,16 +46,20 @@ class BehaviourCheck(msgspec.Struct, frozen=True, kw_only=True):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `freeze`."""
-    parser.add_argument("cell", metavar="CELL", help="a cell's id, or a glob that matches one")
-    parser.add_argument("--env", metavar="ID", help="the environment, where the cell has several")
+    parser.add_argument("cell", metavar="CELL", help="id of a combination, or a glob that matches one")
+    parser.add_argument("--env", metavar="ID", help="the environment, if the combination has several")
     to = parser.add_mutually_exclusive_group(required=True)
-    to.add_argument("--out", type=Path, metavar="FILE", help="write the file")
-    to.add_argument("--check", type=Path, metavar="FILE", help="compare with a file that `freeze --out` wrote")
-    parser.add_argument(
-        "--states-only", action="store_true", help="leave out what the states lead to: for `bank` of a matrix"
+    to.add_argument("--out", type=Path, metavar="FILE", help="write this file")
+    to.add_argument(
+        "--check", type=Path, metavar="FILE", help="compare with a file that `simmatrix freeze --out` wrote"
     )
-    parser.add_argument("--offline", action="store_true", help="never ask the index")
-    parser.add_argument("--json", action="store_true", help="print one JSON document of the check on stdout")
+    parser.add_argument(
+        "--states-only", action="store_true", help="write only the states: for the key `bank` of a matrix"
+    )
+    parser.add_argument("--offline", action="store_true", help="never ask the package index")
+    parser.add_argument(
+        "--json", action="store_true", help="with --check: print one JSON document on stdout, and nothing else"
+    )
 
 
 def main(args: argparse.Namespace) -> int:
@@ -70,7 +74,7 @@ def main(args: argparse.Namespace) -> int:
         bank, content = frozen
         case = behaviour_runs.case_of(cell, args.env or str(bank.facts["env"]))
         if case.env != bank.facts["env"]:
-            message = f"{args.check}: is of {bank.facts['env']}, not of {case.env}"
+            message = f"{args.check}: was written for {bank.facts['env']}, not for {case.env}"
             raise BadInput(message)
         name = Vault(opened.folder).keep(content)
         arrays = behaviour_runs.step_from(cell, case, name, opened, settings, board)
@@ -125,10 +129,12 @@ def read(path: Path) -> tuple[Bank, bytes]:
         message = f"{path}: {error}; {again}"
         raise BadInput(message) from None
     if facts.get("form") != FORM:
-        message = f"{path}: has the form {facts.get('form')}, this simmatrix reads {FORM}; install a newer simmatrix"
+        message = (
+            f"{path}: has format {facts.get('form')}, and this simmatrix reads format {FORM}; install a newer simmatrix"
+        )
         raise BadInput(message)
     bank = Bank.of(arrays, facts)
     if bank.outputs is None:
-        message = f"{path}: holds states alone, without what they lead to (--states-only); {again}"
+        message = f"{path}: holds states only, without their results (--states-only); {again}"
         raise BadInput(message)
     return bank, content

@@ -22,9 +22,9 @@ from harness.running.cleanup import DAY, Item, Kind, disk_usage
 from harness.standalone.output import print_json
 
 HELP = (
-    "Remove waste from cache and state; with a limit also what was not used for long, or most long ago."
-    " Nothing that is in use goes, and all that goes is made again when it is needed; probe runs go only where they"
-    " are asked for."
+    "Delete unused entries of the cache and of the state folder. With --older-than or --max-size, also delete the least"
+    " recently used ones. Nothing in use is deleted, and everything deleted can be rebuilt; only --evidence deletes"
+    " results that no combination refers to."
 )
 
 UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
@@ -55,15 +55,22 @@ class Collected(msgspec.Struct, frozen=True, kw_only=True):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `gc`."""
-    parser.add_argument("--older-than", metavar="DAYS", type=_days, help="also what was not used for so many days")
     parser.add_argument(
-        "--max-size", metavar="SIZE", type=_size, help="until cache and state are no larger: 20GB, 500MB"
+        "--older-than", metavar="DAYS", type=_days, help="also delete entries that were not used for DAYS days"
     )
     parser.add_argument(
-        "--evidence", action="store_true", help="also probe runs that no cell has any more: what they showed is lost"
+        "--max-size",
+        metavar="SIZE",
+        type=_size,
+        help="delete the least recently used entries until cache and state fit: 20GB, 500MB",
     )
-    parser.add_argument("--dry-run", action="store_true", help="say what would go, and remove nothing")
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+    parser.add_argument(
+        "--evidence",
+        action="store_true",
+        help="also delete logs of runs that no combination refers to; they cannot be rebuilt",
+    )
+    parser.add_argument("--dry-run", action="store_true", help="list what would be deleted, and delete nothing")
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -95,7 +102,7 @@ def main(args: argparse.Namespace) -> int:
     if args.older_than is None and args.max_size is None:
         _suggest(places)
     elif args.max_size is not None and summary.size_after > args.max_size:
-        tell(f"{decimal(summary.size_after)} are left: the rest is in use, too young, or cannot be made again")
+        tell(f"{decimal(summary.size_after)} are left: in use, too recent, or impossible to rebuild")
     return 0
 
 
@@ -149,7 +156,7 @@ def _print(summary: Collected) -> None:
     for removal in summary.removed:
         print(f"{removal.kind:<34} {removal.number:>6}  {decimal(removal.bytes):>9}")
     verb = "would be freed" if summary.dry_run else "freed"
-    used = f"; {format_count(summary.in_use, 'thing')} in use stayed" if summary.in_use else ""
+    used = f"; {format_count(summary.in_use, 'thing')} in use were kept" if summary.in_use else ""
     print(f"{decimal(summary.freed)} {verb}, {decimal(summary.size_after)} left in cache and state{used}")
 
 
@@ -171,7 +178,7 @@ def _days(text: str) -> float:
     except ValueError:
         days = math.nan
     if not 0 <= days < math.inf:
-        message = f"{text!r} is not a number of days"
+        message = f"{text!r} is not a number of days; write one such as 30"
         raise argparse.ArgumentTypeError(message)
     return days
 
@@ -179,6 +186,6 @@ def _days(text: str) -> float:
 def _size(text: str) -> int:
     parts = SIZE.fullmatch(text.strip())
     if not parts:
-        message = f"{text!r} is not a size such as 20GB or 500MB"
+        message = f"{text!r} is not a size; write one such as 20GB or 500MB"
         raise argparse.ArgumentTypeError(message)
     return int(float(parts[1]) * UNITS[(parts[2] or "").lower()])

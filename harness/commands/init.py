@@ -27,8 +27,9 @@ from harness.running import open_matrix
 from harness.standalone.output import print_json
 
 HELP = (
-    "Start in somebody's project: write a first matrix, a nox session and a GitHub workflow. With --from, the matrix is"
-    " what a workflow really installs, and what it claims but never installs is listed."
+    "Write a first matrix, a nox session and a GitHub workflow for a project. With --from, the matrix has the"
+    " combinations that an existing workflow installs. Versions that the project allows, but the workflow never"
+    " installs, are listed. Existing files are kept."
 )
 
 NOX_LINES = """\
@@ -39,7 +40,7 @@ import nox
 try:
     from harness import noxface
 except ImportError as missing:  # nox was installed apart
-    print(f"no sessions of cells here ({missing}): install simmatrix with nox", file=sys.stderr)
+    print(f"simmatrix cannot be imported ({missing}): install it next to nox", file=sys.stderr)
 else:
     noxface.cells(@NAMES@)
 """
@@ -60,14 +61,29 @@ class Started(msgspec.Struct, frozen=True, kw_only=True):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `init`."""
-    parser.add_argument("folder", metavar="FOLDER", nargs="?", type=Path, default=Path(), help="of the project [here]")
-    parser.add_argument("--from", dest="workflow", type=Path, metavar="WORKFLOW", help="a workflow file of GitHub")
-    parser.add_argument("--name", help="of the matrix [the project's]")
     parser.add_argument(
-        "--offline", action="store_true", help="never ask the index; ranges wait, and so do environments"
+        "folder",
+        metavar="FOLDER",
+        nargs="?",
+        type=Path,
+        default=Path(),
+        help="folder of the project (default: the working folder)",
     )
-    parser.add_argument("--install", metavar="WORDS", help="what pip installs in the workflow [this simmatrix]")
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+    parser.add_argument(
+        "--from",
+        dest="workflow",
+        type=Path,
+        metavar="WORKFLOW",
+        help="an existing GitHub workflow, such as .github/workflows/ci.yml",
+    )
+    parser.add_argument("--name", metavar="NAME", help="name of the matrix (default: name of the project)")
+    parser.add_argument(
+        "--offline", action="store_true", help="never ask the package index; version ranges and environments stay open"
+    )
+    parser.add_argument(
+        "--install", metavar="WORDS", help="what pip installs in the workflow (default: this simmatrix)"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 @dataclass
@@ -115,7 +131,7 @@ def main(args: argparse.Namespace) -> int:
         if all(path.exists() for path in matrices):
             for path in matrices:
                 files.existing.append(path.as_posix())
-                say(f"{path}: is there already and stays as it is")
+                say(f"{path}: exists already and is kept")
         else:
             _matrices(about, matrix_drafts, args, files)
         _nox(matrices, files)
@@ -139,10 +155,10 @@ def _next(args: argparse.Namespace, matrices: Sequence[Path], files: _Files) -> 
         if path.with_suffix(".expanded.json").exists():
             files.say(f"later: simmatrix lock {path} --upgrade  (newer releases, for a scheduled workflow, too)")
     for line in files.open:
-        files.say(f"not found out: {line}")
+        files.say(f"still open: {line}")
     if files.open and files.written:
         again = "without --offline" if args.offline else "once that is fixed"
-        files.say(f"next: type `simmatrix init` again {again}; it keeps what is there, so remove {matrices[0]} first")
+        files.say(f"next: run `simmatrix init` again {again}; it keeps existing files, so remove {matrices[0]} first")
 
 
 def _matrices(about: Project, matrix_drafts: dict[str, Draft], args: argparse.Namespace, files: _Files) -> None:
@@ -158,7 +174,7 @@ def _matrices(about: Project, matrix_drafts: dict[str, Draft], args: argparse.Na
         whole = first_draft.complete(draft, about, first_cases, offline=args.offline)
         path, template = _path(name), read_template("matrix.toml.j2")
         if not files.write(path, drafts.text_of(whole, template)):
-            files.say(f"{path}: is there already and stays as it is")
+            files.say(f"{path}: exists already and is kept")
             continue
         fitting = whole if args.offline else first_draft.without_clashes(whole, path)
         if fitting != whole:
@@ -206,7 +222,9 @@ def _drafts(about: Project, jobs: tuple[Job, ...], args: argparse.Namespace) -> 
     job_drafts = {job.name: drafts.of_legs(job.legs, args.workflow.name) for job in jobs}
     readable_drafts = {job: draft for job, draft in job_drafts.items() if draft}
     if not readable_drafts:
-        message = f"{args.workflow}: no leg of it can be understood; `simmatrix init` alone starts from the project"
+        message = (
+            f"{args.workflow}: none of its jobs can be read; `simmatrix init` without --from starts from the project"
+        )
         raise BadInput(message)
     return {name if len(readable_drafts) == 1 else f"{name}-{job}": draft for job, draft in readable_drafts.items()}
 
@@ -230,7 +248,7 @@ def _nox(matrices: list[Path], files: _Files) -> None:
     about = f'"""`nox -t {matrices[0].stem}` measures the matrix, `nox -l` lists its cells."""\n\n'
     noxfile = Path("noxfile.py")
     if not files.write(noxfile, about + lines) and names not in noxfile.read_text(encoding="utf-8"):
-        files.say(f"{noxfile}: is there already and stays as it is; its cells come with these lines:\n\n{lines}")
+        files.say(f"{noxfile}: exists already and is kept; add these lines to it:\n\n{lines}")
 
 
 def _workflow(matrix: Path, install: str | None, files: _Files) -> None:
@@ -242,7 +260,7 @@ def _workflow(matrix: Path, install: str | None, files: _Files) -> None:
         path = folder / f"simmatrix-{matrix.stem}.yml"
     if path.exists():
         files.existing.append(path.as_posix())
-        files.say(f"{path}: is there already and stays as it is; `simmatrix ci {matrix} --check {path}` compares")
+        files.say(f"{path}: exists already and is kept; `simmatrix ci {matrix} --check {path}` compares")
         return
     install = install or ci.installable()
     # `ci` refuses a matrix whose ranges were never expanded with CouldNotTell, which would end `init` here.
@@ -290,7 +308,7 @@ def _describe_jobs(jobs: tuple[Job, ...], workflow: Path) -> Iterator[str]:
         yield from (f"  {note}" for note in job.notes)
         empty = sum(any(claim.fate in {Fate.NEVER, Fate.OTHERWISE} for claim in leg.claims) for leg in job.legs)
         if empty:
-            yield f"  {empty} of {format_count(len(job.legs), 'combination')} claimed and never installed as such"
+            yield f"  {empty} of {format_count(len(job.legs), 'combination')} claimed but never installed"
 
 
 def _installs(leg: Leg) -> str:

@@ -27,7 +27,7 @@ PUBLIC = frozenset({"pypi.org", "files.pythonhosted.org", "download.pytorch.org"
 def issue(record: CellRecord, entry: CellEntry, opened: Store) -> str:
     """Return the redacted report of a red cell as text. Raises BadInput if the cell is not red."""
     if not is_red(entry):
-        message = f"show {entry.id} --issue: it is {word(entry.verdict)}: there is nothing to report to anybody"
+        message = f"show {entry.id} --issue: it is {word(entry.verdict)}: there is nothing to report"
         raise BadInput(message)
     lock = _read(opened.folder / record.lock) if record.lock else None
     failing = upstream.Failing(

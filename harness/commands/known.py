@@ -23,7 +23,7 @@ from harness.reports.answers.recommended_text import wrap_line
 from harness.running.signatures import issue_texts
 from harness.standalone.output import print_json
 
-HELP = "List the packages that were measured and the issues that are known, or open one of them."
+HELP = "List all measured packages and all known issues. With a name, show that package or that issue."
 
 
 class PackageEntry(msgspec.Struct, frozen=True, kw_only=True):
@@ -47,8 +47,10 @@ class KnownDocument(msgspec.Struct, frozen=True, kw_only=True):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `known`."""
-    parser.add_argument("name", metavar="PACKAGE|SIGNATURE", nargs="?", help="a package, or the id of a known issue")
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+    parser.add_argument(
+        "name", metavar="PACKAGE|SIGNATURE", nargs="?", help="a package, or the id of a known issue (default: list all)"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -111,10 +113,12 @@ def _lines(answer: KnownDocument, name: str | None) -> Iterator[str]:
     if name:
         yield from _of_package(answer.packages[0])
     else:
-        yield f"{len(answer.packages)} packages were measured; `simmatrix known PACKAGE` opens one"
-        yield from (f"  {one.name}  {_newest(one)}, {format_count(one.cells, 'cell')}" for one in answer.packages)
+        yield f"{len(answer.packages)} packages were measured; `simmatrix known PACKAGE` shows one"
+        yield from (
+            f"  {one.name}  {_newest(one)}, {format_count(one.cells, 'combination')}" for one in answer.packages
+        )
     yield ""
-    yield f"{len(answer.issues)} known issues; `simmatrix known ID` opens one"
+    yield f"{len(answer.issues)} known issues; `simmatrix known ID` shows one"
     yield from (
         f"  {one.id}{' (silent)' if one.silent else ''}: {textwrap.shorten(one.cause, 100)}" for one in answer.issues
     )
@@ -127,10 +131,10 @@ def _newest(package: PackageEntry) -> str:
 
 
 def _of_package(package: PackageEntry) -> Iterator[str]:
-    yield f"{package.name}: {format_count(package.cells, 'cell')}"
+    yield f"{package.name}: {format_count(package.cells, 'combination')}"
     yield f"  works      {', '.join(package.works) or 'no release as a whole'}"
     if package.others:
-        yield f"  not so     {', '.join(package.others)}: no cell of these works as a whole"
+        yield f"  fails      {', '.join(package.others)}: no combination with these works as a whole"
     yield f"  reports    {', '.join(package.reports)}"
     yield from (f"  simmatrix report {report}" for report in package.reports)
     yield f"  simmatrix recommend {package.name}"

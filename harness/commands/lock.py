@@ -22,7 +22,10 @@ from harness.reports.text import progress
 from harness.running import open_matrix, resolving, scheduler
 from harness.standalone.output import print_json
 
-HELP = "Resolve every cell of a matrix; the lock of a single cell is printed, or written with --out."
+HELP = (
+    "Resolve every combination of a matrix to hash-pinned requirements. The lock of a single combination is printed, or"
+    " written to a file with --out."
+)
 
 
 class LockedCell(msgspec.Struct, frozen=True, kw_only=True):
@@ -46,12 +49,16 @@ class Locked(msgspec.Struct, frozen=True, kw_only=True):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `lock`."""
     arguments.matrix(parser)
-    parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
+    parser.add_argument("-k", metavar="GLOB", help="only combinations whose id matches")
     arguments.jobs(parser)
-    parser.add_argument("--upgrade", action="store_true", help="expand and choose again, lock as of now")
-    parser.add_argument("--offline", action="store_true", help="never ask the index")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="where the lock of a single cell goes [stdout]")
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+    parser.add_argument(
+        "--upgrade", action="store_true", help="expand ranges and choose combinations again, with the releases of today"
+    )
+    parser.add_argument("--offline", action="store_true", help="never ask the package index")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="write the lock of a single combination to this file (default: stdout)"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:

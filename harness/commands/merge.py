@@ -21,8 +21,8 @@ from harness.reports.text import terminal
 from harness.standalone.output import print_json
 
 HELP = (
-    "Make one report of those of shards and machines, in any order, each named once or more;"
-    " what no shard measured is not run."
+    "Merge the reports of shards and machines into one report. The order does not matter, and a report may be named"
+    " twice. Combinations that no shard measured are `not_run`."
 )
 
 NAME = "report.json"
@@ -37,12 +37,25 @@ TEXTS = frozenset({".jsonl", ".log", ".txt"})
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `merge`."""
-    parser.add_argument("sources", metavar="DIR", nargs="+", help="a folder that `run --out` wrote, or one of several")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/merged]")
-    parser.add_argument("--format", choices=("terminal", "md", "json"), default="terminal", help="of what is printed")
-    parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table")
+    parser.add_argument(
+        "sources",
+        metavar="DIR",
+        nargs="+",
+        help="a folder that `simmatrix run --out` wrote, or a folder of such folders",
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="write the report to this folder (default: .harness/merged)"
+    )
+    parser.add_argument(
+        "--format",
+        choices=("terminal", "md", "json"),
+        default="terminal",
+        metavar="FORMAT",
+        help="print the report as terminal, md or json (default: terminal)",
+    )
+    parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table: rows, columns")
     arguments.fail_on(parser)
-    parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -83,7 +96,7 @@ def _tell(whole: Document, reports: int, missing: int) -> None:
     print(f"{summary}{machines}, {gaps or 'none'} not run", file=sys.stderr)
     if missing:
         print(
-            f"{format_count(missing, 'file')} that the reports name are not next to them, and were left out",
+            f"{format_count(missing, 'file')} that the reports name are missing, and were left out",
             file=sys.stderr,
         )
 
@@ -100,7 +113,7 @@ def _find_reports(names: Sequence[str], out: Path) -> list[Path]:
         whole = {place, place / NAME}
         matches = [place] if place.is_file() else list(_below(place))
         if not matches:
-            message = f"{name}: no {NAME} here, nor in the folders below; `simmatrix run MATRIX --out DIR` writes one"
+            message = f"{name}: no {NAME} in this folder or below it; `simmatrix run MATRIX --out DIR` writes one"
             raise BadInput(message)
         reports |= {path.resolve(): path for path in matches if path in whole or path.resolve() != written}
     return list(reports.values())

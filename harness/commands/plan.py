@@ -14,7 +14,10 @@ from harness.reports.answers import misspelt
 from harness.running import open_matrix
 from harness.standalone.output import print_json
 
-HELP = "List the cells of a matrix, and the combinations left out, each with its reason."
+HELP = (
+    "List the combinations of a matrix with their environments, and those left out, each with its reason. Nothing is"
+    " installed."
+)
 
 
 class PlannedCell(msgspec.Struct, frozen=True, kw_only=True):
@@ -40,10 +43,10 @@ class Planned(msgspec.Struct, frozen=True, kw_only=True):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `plan`."""
-    parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in one")
-    parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches")
-    parser.add_argument("--offline", action="store_true", help="never ask the index")
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+    parser.add_argument("matrix", metavar="MATRIX", help="a matrix file, or the name of a built-in matrix")
+    parser.add_argument("-k", metavar="GLOB", help="only combinations whose id matches")
+    parser.add_argument("--offline", action="store_true", help="never ask the package index")
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -64,7 +67,7 @@ def main(args: argparse.Namespace) -> int:
     for sentence in plan.stale:
         print(f"out of date: {sentence}")
     gone = sum(dropped.count for dropped in plan.dropped)
-    print(f"{format_count(len(cells), 'cell')}, {format_count(gone, 'combination')} left out")
+    print(f"{format_count(len(cells), 'combination')}, {gone or 'none'} left out")
     return 0
 
 

@@ -25,7 +25,10 @@ from harness.standalone.output import print_json
 if TYPE_CHECKING:
     from harness.running import lock_files
 
-HELP = "Which versions work together: a command that installs the newest combination that works, and known traps."
+HELP = (
+    "Recommend versions that were measured together and work: the newest such combination, the command that installs"
+    " it, and known problems with these packages."
+)
 COMMANDS = (install_commands.PIP, install_commands.UV)
 FORMATS = (*COMMANDS, "conda", "pyproject", "dockerfile")
 
@@ -35,26 +38,32 @@ NEEDS = (Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER, Phase.INTEROP)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `recommend`."""
-    parser.add_argument("packages", metavar="PACKAGE", nargs="+", help="name or requirement: mujoco, 'gymnasium>=1'")
-    parser.add_argument("--python", metavar="V", help="such as 3.11 [any]")
+    parser.add_argument(
+        "packages", metavar="PACKAGE", nargs="+", help="a package, or a requirement such as 'gymnasium>=1'"
+    )
+    parser.add_argument("--python", metavar="V", help="only combinations of this Python, such as 3.11 (default: any)")
     parser.add_argument("--needs", type=_phases, default=(), metavar="PHASE,...",
-                        help=f"what has to have passed, of {', '.join(NEEDS)}")  # fmt: skip
-    parser.add_argument("--env", metavar="ID", help="an environment that has to have been tried")
-    parser.add_argument("--format", choices=FORMATS, default=install_commands.PIP,
-                        help="tool that installs it: a command, or a file on stdout [pip]")  # fmt: skip
-    parser.add_argument("--limit", type=int, default=SHOWN, metavar="N", help=f"combinations in --json [{SHOWN}]")
-    parser.add_argument("--all", action="store_true", help="show every combination and every trap")
+                        help=f"phases that must have passed: {', '.join(NEEDS)}; separate with commas")  # fmt: skip
+    parser.add_argument("--env", metavar="ID", help="an environment that must have been tried, such as Ant-v5")
+    parser.add_argument("--format", choices=FORMATS, default=install_commands.PIP, metavar="TOOL",
+                        help=f"print a command or file for this tool: {', '.join(FORMATS)} (default: pip)")  # fmt: skip
+    parser.add_argument(
+        "--limit", type=int, default=SHOWN, metavar="N", help=f"number of combinations in --json (default: {SHOWN})"
+    )
+    parser.add_argument("--all", action="store_true", help="show every combination and every known problem")
     parser.add_argument("--lock-out", type=Path, metavar="FILE",
-                        help="write the lock of the first one, and its patched wheels next to it")  # fmt: skip
-    parser.add_argument("--offline", action="store_true", help="never ask the index whether a package exists")
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+                        help="write the lock of the first combination, with its patched wheels next to it")  # fmt: skip
+    parser.add_argument(
+        "--offline", action="store_true", help="do not ask the package index whether unknown packages exist"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 def _phases(text: str) -> tuple[Phase, ...]:
     names = [name.strip() for name in text.split(",") if name.strip()]
     unknown = [name for name in names if name not in NEEDS]
     if unknown or not names:
-        message = f"{(unknown or [text])[0]!r} is none of {', '.join(NEEDS)}"
+        message = f"unknown phase {(unknown or [text])[0]!r}; choose from {', '.join(NEEDS)}"
         raise argparse.ArgumentTypeError(message)
     return tuple(Phase(name) for name in dict.fromkeys(names))
 
@@ -121,13 +130,13 @@ def _query(args: argparse.Namespace) -> Query:
         for text in args.packages:
             requirement = Wanted.of(text)
             if requirement.name in wanted:
-                message = f'"{requirement.name}" is asked for twice; write `{requirement.name}>=1,<2`'
+                message = f'"{requirement.name}" is named twice; write `{requirement.name}>=1,<2`'
                 raise ValueError(message)
             wanted[requirement.name] = requirement
         if args.python is not None:
             Version(args.python)
     except InvalidVersion:
-        message = f'recommend: --python "{args.python}" is no version such as 3.11'
+        message = f'recommend: --python "{args.python}" is not a version; write one such as 3.11'
         raise BadInput(message) from None
     except ValueError as error:
         message = f"recommend: {error}"
@@ -146,10 +155,13 @@ def _check(cells: Sequence[CellResult], query: Query, *, offline: bool) -> None:
 
 def _write(path: Path, best: Combination | None, query: Query, *, offline: bool) -> None:
     if best is None:
-        print(f"recommend: nothing good was measured of {' '.join(query.names)}: no lock was written", file=sys.stderr)
+        print(
+            f"recommend: no working combination of {' '.join(query.names)} was measured; no lock was written",
+            file=sys.stderr,
+        )
         return
     if not best.lock:
-        print(f"recommend: the lock of {best.cell} was not kept: no lock was written", file=sys.stderr)
+        print(f"recommend: the lock of {best.cell} was not kept; no lock was written", file=sys.stderr)
         return
     from harness.running import lock_files  # noqa: PLC0415 - start-up
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +17,6 @@ from harness.machine.store import Store
 from harness.model import Cell, CellRecord
 from harness.model.cellid import CellId
 from harness.model.errors import BadInput
-from harness.reports import publishing
 from harness.reports.text import progress
 from harness.rootcause import search_documents
 from harness.rootcause.bench import Bounds
@@ -27,13 +26,13 @@ from harness.rootcause.repair.lab import Lab
 from harness.rootcause.repair.proofs import RepairDocument
 from harness.rootcause.repair.repairing import RepairResult, Search, Status
 from harness.running import open_matrix, scheduler
-from harness.running.scheduler import QuietObserver
+from harness.standalone import wrapping
 from harness.standalone.output import print_json
 
 HELP = (
-    "Find the smallest change that turns a red cell green, and prove it by a rerun. The cell is one of a matrix"
-    " (MATRIX/LABEL), or what `try` would try. Exits with 0 where a remedy was found (or none is needed), 1 where none"
-    " was, 3 where it cannot be told here."
+    "Find the smallest change that makes a combination work, and verify it by a new measurement. Name a combination of"
+    " a matrix by its id, or describe one with the requirements and options of `simmatrix try`. Known fixes are tried"
+    " first, then earlier releases."
 )
 CODES = {Status.FOUND: 0, Status.GREEN: 0, Status.NOT_FOUND: 1, Status.STOPPED: 1, Status.UNTOLD: 3}
 RUNS, MINUTES = 40, 15.0
@@ -44,20 +43,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     ad_hoc_cell.add_arguments(parser)
     add_bounds(parser)
     arguments.offline(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where lock and proof go [.harness/repairs/CELL]")
-    parser.add_argument("--json", action="store_true", help="print the proof as JSON, and nothing else, on stdout")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="write lock and proof to this folder (default: .harness/repairs/CELL)"
+    )
+    parser.add_argument("--json", action="store_true", help="print the proof as JSON on stdout, and nothing else")
 
 
 def add_bounds(parser: argparse.ArgumentParser) -> None:
     """Add the options that limit the search: `--runs` and `--minutes`."""
-    runs, minutes = "cells to measure at most [%(default)s]", "minutes to take at most [%(default)g]"
+    runs, minutes = (
+        "measure at most N combinations (default: %(default)s)",
+        "stop after M minutes (default: %(default)g)",
+    )
     parser.add_argument("--runs", type=_positive, default=RUNS, metavar="N", help=runs)
     parser.add_argument("--minutes", type=float, default=MINUTES, metavar="M", help=minutes)
 
 
 def _positive(text: str) -> int:
     if not text.isdigit() or not int(text):
-        message = f"{text!r} is no number of runs, such as 40"
+        message = f"{text!r} is not a number of combinations; write one such as 40"
         raise argparse.ArgumentTypeError(message)
     return int(text)
 
@@ -65,7 +69,7 @@ def _positive(text: str) -> int:
 def main(args: argparse.Namespace) -> int:
     """Search for a remedy, write lock and proof, and return the exit code of the status (`CODES`)."""
     if not (args.requirements or args.files or args.subject):
-        message = "repair: name a cell, such as 'quickstart/py3.11_*', or requirements, such as 'gym==0.26.2'"
+        message = "repair: name a combination, such as 'quickstart/py3.11_*', or requirements, such as 'gym==0.26.2'"
         raise BadInput(message)
     named = _names_cell(args)
     given = None if named else ad_hoc_cell.read(args)
@@ -74,7 +78,7 @@ def main(args: argparse.Namespace) -> int:
     opened = store.open_store()
     settings = scheduler.Settings(offline=args.offline)
     bounds = Bounds(runs=args.runs, minutes=args.minutes)
-    with progress.Progress(0, 1, publishing.headline) as board:
+    with progress.SearchProgress(args.runs, args.minutes) as board:
         if given is None:
             base = find_cell.find("repair", args.requirements[0], opened, offline=args.offline)[1]
         else:
@@ -85,8 +89,14 @@ def main(args: argparse.Namespace) -> int:
     if args.json:
         print_json(search_documents.as_json(document))
     else:
-        print("\n".join(repair_text.lines(document)))
+        print("\n".join(_wrapped(repair_text.lines(document), wrapping.width(sys.stdout))))
     return CODES[document.status]
+
+
+def _wrapped(lines: Iterable[str], columns: int | None) -> Iterator[str]:
+    """Yield lines broken at the width of a terminal; commands, files and quoted lines of an error stay whole."""
+    for line in lines:
+        yield from [line] if line.startswith((" ", "written: ")) else wrapping.wrap(line, columns)
 
 
 def _names_cell(args: argparse.Namespace) -> bool:
@@ -136,7 +146,7 @@ def _lab(base: Cell, opened: Store, settings: scheduler.Settings, bounds: Bounds
         base=base,
         store=opened,
         settings=settings,
-        observer=QuietObserver(board),
+        observer=board,
         bounds=bounds,
         recipes=open_matrix.recipes(Path("matrices")) | open_matrix.recipes(Path()),
     )

@@ -21,7 +21,8 @@ from harness.reports.text import family_markdown, github_annotations, report_mar
 from harness.standalone.output import print_json
 
 HELP = (
-    "Make tables of stored results again: of a report.json, of the folder that holds one, or of a matrix that was run."
+    "Print or write the tables of stored results: of a report.json, of a folder that holds one, or of a matrix that was"
+    " measured here or comes with simmatrix. Nothing is measured."
 )
 
 FORMATS = ("terminal", "md", "json", "table", "github", "github-summary")
@@ -30,19 +31,25 @@ NAME = "report.json"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `report`."""
-    parser.add_argument("sources", metavar="SOURCE", nargs="*", help="file, folder or matrix [every matrix run here]")
+    parser.add_argument(
+        "sources",
+        metavar="SOURCE",
+        nargs="*",
+        help="a report.json, its folder, or a matrix (default: every matrix measured here)",
+    )
     parser.add_argument("--format", type=_formats, default=None, metavar="KINDS",
-                        help=f"comma-separated, of {', '.join(FORMATS)} [terminal; md,json with --out]")  # fmt: skip
-    parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the small table, down and across")
+                        help=f"print these formats: {', '.join(FORMATS)}; separate with commas (default: terminal;"
+                             " with --out: md,json)")  # fmt: skip
+    parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table: rows, columns")
     parser.add_argument("--out", type=Path, metavar="DIR", help="write report.md and report.json into this folder")
-    parser.add_argument("--into", type=Path, metavar="FILE", help="make the tables again that a Markdown file holds")
+    parser.add_argument("--into", type=Path, metavar="FILE", help="update the tables inside this Markdown file")
     parser.add_argument("--judge-again", action="store_true",
-                        help="judge reports again from the evidence that lies next to them, and say what is altered:"
-                             " nothing is measured")  # fmt: skip
+                        help="judge reports again, from the stored evidence next to them and the current list of"
+                             " known issues; print what changes")  # fmt: skip
     parser.add_argument("--write", action="store_true",
-                        help="with --judge-again: write the reports as they are judged now")  # fmt: skip
+                        help="with --judge-again: write the changed reports")  # fmt: skip
     arguments.fail_on(parser)
-    parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -52,7 +59,7 @@ def main(args: argparse.Namespace) -> int:
     if args.judge_again:
         return _judged_again(args)
     if args.write:
-        message = "--write goes with --judge-again: it renews reports as they are judged now"
+        message = "--write needs --judge-again, and writes the changed reports"
         raise BadInput(message)
     sources = [locate(name) for name in args.sources] or _all()
     if args.out:
@@ -84,14 +91,14 @@ def _formats(text: str) -> tuple[str, ...]:
 def _all() -> list[Path]:
     reports = sorted((store.state_folder() / "reports").glob(f"*/{NAME}"))
     if not reports:
-        message = "nothing was run here yet: `simmatrix run quickstart` measures, or name a report.json"
+        message = "nothing was measured here yet; run `simmatrix run quickstart`, or name a report.json"
         raise BadInput(message)
     return reports
 
 
 def _judged_again(args: argparse.Namespace) -> int:
     if not args.sources or args.out:
-        message = "--judge-again wants the folders of reports, such as reports/quickstart; --write renews them in place"
+        message = "--judge-again needs the folders of reports, such as reports/quickstart"
         raise BadInput(message)
     return judge_again.main([_folder(name) for name in args.sources], write=args.write, as_json=args.json)
 
@@ -114,7 +121,7 @@ def locate(name: str) -> Path:
     if shipped:
         return shipped
     names = [*(path.parent.name for path in reports.glob(f"*/{NAME}")), *shipped_reports.names()]
-    message = f"{name}: no report.json here, and no matrix of this name was run{suggestion(name, names)}"
+    message = f"{name}: no report.json here, and no matrix of this name was measured{suggestion(name, names)}"
     raise BadInput(message)
 
 

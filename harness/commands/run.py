@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ from harness.judging.assess import assess
 from harness.machine import store
 from harness.machine.console import tell
 from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
-from harness.model.errors import BadInput
+from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import format_count
 from harness.reports import publishing
 from harness.reports.answers import misspelt
@@ -22,32 +23,43 @@ from harness.running import open_matrix, remedy_trials, scheduler, shards
 from harness.running.offline import offline_bundle
 from harness.running.signatures import shipped_signatures
 
-HELP = "Lock, build, install, probe and report every cell of one or more matrices; what was measured before is reused."
+HELP = (
+    "Measure every combination of one or more matrices: lock, build, install, test and report. Earlier results are"
+    " reused. A run that was interrupted continues where it stopped. The report is written to"
+    " .harness/reports/MATRIX."
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `run`."""
-    parser.add_argument("matrices", metavar="MATRIX", nargs="+", help="a matrix file, or the name of a built-in one")
+    parser.add_argument("matrices", metavar="MATRIX", nargs="+", help="a matrix file, or the name of a built-in matrix")
     arguments.jobs(parser)
-    parser.add_argument("-k", metavar="GLOB", help="only cells whose id matches, e.g. '*mujoco-3*'")
+    parser.add_argument("-k", metavar="GLOB", help="only combinations whose id matches, such as '*mujoco-3*'")
     arguments.shard(parser)
     arguments.durations(parser)
     parser.add_argument("--only-failed", action="store_true",
-                        help="only cells that were red or inconclusive here the last time; their failures are "
-                        "measured again")  # fmt: skip
-    parser.add_argument("--until", choices=UNTIL, default=UNTIL[-1], help="stop after this phase")
-    parser.add_argument("--fresh", action="store_true", help="measure everything again, with the locks that are there")
+                        help="measure again only what failed or was inconclusive here the last time")  # fmt: skip
+    parser.add_argument("--until", choices=UNTIL, default=UNTIL[-1], metavar="PHASE",
+                        help=f"stop after this phase: {', '.join(UNTIL)} (default: {UNTIL[-1]})")  # fmt: skip
+    parser.add_argument("--fresh", action="store_true", help="ignore earlier results; locks are kept")
     arguments.offline(parser)
-    parser.add_argument("--fetched", type=Path, metavar="DIR", help="run from a folder of `fetch`, without network")
+    parser.add_argument(
+        "--fetched",
+        type=Path,
+        metavar="DIR",
+        help="measure from a folder that `simmatrix fetch` wrote, without network",
+    )
     arguments.verify(parser)
     parser.add_argument("--prove", action="store_true",
-                        help="after all others, run red cells with the remedies of their known failures")  # fmt: skip
+                        help="then measure failed combinations again, with fixes of their known issues")  # fmt: skip
     parser.add_argument("--repair", action="store_true",
-                        help="after all others, look for what cures each red cell, once per cause")  # fmt: skip
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where the report goes [.harness/reports/MATRIX]")
+                        help="then search for a fix of each failed combination, once per cause")  # fmt: skip
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="write the report to this folder (default: .harness/reports/MATRIX)"
+    )
     arguments.fail_on(parser)
-    parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table")
-    parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
+    parser.add_argument("--pivot", nargs=2, metavar="AXIS", help="the two axes of the table: rows, columns")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON on stdout, and nothing else")
 
 
 UNTIL = tuple(phase.value for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHASES, Phase.SUITE))
@@ -67,7 +79,7 @@ def main(args: argparse.Namespace) -> int:
     )
     if (args.prove or args.repair) and layer:
         option = "--prove" if args.prove else "--repair"
-        message = f"{option}: what a remedy installs is not in a folder of `fetch`; run it with the network"
+        message = f"{option}: the packages of a fix are not in a folder of `fetch`; leave --fetched out"
         raise BadInput(message)
     planned = [open_matrix.load(name, tell, offline=settings.offline, fetched=layer) for name in args.matrices]
     # Mistakes are looked for before the store is opened: bad input leaves no result behind.
@@ -81,7 +93,8 @@ def main(args: argparse.Namespace) -> int:
     opened = store.open_store()
     plans = [open_matrix.set_instant(plan, opened, fetched=layer, offline=settings.offline) for plan in planned]
     chosen = _chosen(args, plans, opened, layer)
-    with progress.Progress(len(chosen), settings.jobs, publishing.headline) as board:
+    earlier = partial(_earlier_seconds, args.matrices, plans, chosen, opened)
+    with progress.Progress(len(chosen), settings.jobs, publishing.headline, earlier) as board:
         records = scheduler.run(chosen, opened, settings, board)
     if args.prove:
         plans, more = _run_remedies(plans, records, opened, settings)
@@ -100,9 +113,9 @@ def _run_remedies(
     assessed = {plan.matrix: [assess(record, knowledge) for record in _of(plan, records)] for plan in plans}
     cells = [cell for plan in plans for cell in remedy_trials.make_trials(plan.cells, assessed[plan.matrix], recipes)]
     if not cells:
-        tell("no remedy of a known failure is left to be tried")
+        tell("no fix of a known issue is left to try")
         return list(plans), ()
-    tell(f"{format_count(len(cells), 'red cell')} to be run again, each with the remedy of a known failure")
+    tell(f"{format_count(len(cells), 'failed combination')} to measure again, each with the fix of a known issue")
     with progress.Progress(len(cells), settings.jobs, publishing.headline) as board:
         more = scheduler.run(cells, opened, settings, board)
     return [remedy_trials.add(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
@@ -114,7 +127,7 @@ def _run_repairs(
     """Search for a repair of each red cell. Return the plans with the repaired cells, and their records."""
     from harness.commands import repair  # noqa: PLC0415 - start-up
 
-    with progress.Progress(0, 1, publishing.headline) as board:
+    with progress.SearchProgress() as board:
         more = repair.repair_all(records, opened, settings, board)
     cells = [record.cell for record in more]
     return [remedy_trials.add(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
@@ -137,8 +150,19 @@ def _chosen(
     if args.only_failed:
         cells = select_cells.select_failed(cells, opened)
         if not cells:
-            tell("nothing failed: no cell was inconclusive or unexpected when it was last run")
+            tell("nothing to do: no combination failed or was inconclusive the last time")
     return cells
+
+
+def _earlier_seconds(
+    names: Sequence[str], plans: Sequence[Plan], cells: Sequence[Cell], opened: store.Store
+) -> dict[str, float]:
+    """Return the seconds that cells took before, by id: here, else where the committed report was measured."""
+    seconds: dict[str, float] = {}
+    with contextlib.suppress(HarnessError):  # a report that cannot be read is no reason to measure nothing
+        seconds |= _committed(names, plans)
+    seconds |= {record.cell.id: record.seconds for record in opened.cells() if record.seconds}
+    return {cell.id: seconds[cell.id] for cell in cells if cell.id in seconds}
 
 
 def _committed(names: Sequence[str], plans: Sequence[Plan]) -> dict[str, float]:

@@ -11,7 +11,7 @@ from harness.machine.files import given_files
 from harness.model import schema
 from harness.model.errors import BadInput
 
-HELP = "Print the JSON Schema of matrix files or of a document that the harness writes; without a name, list them."
+HELP = "Print the JSON Schema of matrix files, or of a document that simmatrix writes. Without a name, list them."
 
 DOCUMENTS = {
     "matrix": ("a matrix file, `matrices/NAME.toml`", "matrix.matrix_types", "MatrixTable"),
@@ -46,9 +46,9 @@ DOCUMENTS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `schema`."""
-    parser.add_argument("name", metavar="NAME", nargs="?", help=f"one of {', '.join(DOCUMENTS)}")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write it to a file instead of stdout")
-    parser.add_argument("--json", action="store_true", help="without a name: all schemas as one JSON object")
+    parser.add_argument("name", metavar="NAME", nargs="?", help=f"one of: {', '.join(DOCUMENTS)} (default: list them)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the schema to this file (default: stdout)")
+    parser.add_argument("--json", action="store_true", help="without a name: print all schemas as one JSON object")
 
 
 def main(args: argparse.Namespace) -> int:

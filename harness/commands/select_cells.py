@@ -40,7 +40,7 @@ def choose(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
     matches = tuple(cell for cell in cells if cellid.fits(pattern, cell))
     if not matches:
         example = f"; one of them is {cells[0].id}" if cells else ""
-        message = f"-k {pattern}: none of the {len(cells)} cells matches{example}"
+        message = f"-k {pattern}: none of the {len(cells)} combinations matches{example}"
         raise BadInput(message)
     return matches
 
@@ -48,7 +48,7 @@ def choose(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
 def select(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
     """Return the cells to work on, chosen by a glob. Raises BadInput if there are none."""
     if not cells:
-        message = "there is no cell to work on: every combination is left out; `simmatrix plan` gives the reasons"
+        message = "nothing to do: every combination is left out; `simmatrix plan` gives the reasons"
         raise BadInput(message)
     return choose(cells, pattern)
 
@@ -58,7 +58,7 @@ def check_distinct(plans: Sequence[Plan]) -> None:
     names = [plan.matrix for plan in plans]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice:
-        message = f"two of the matrices are called {twice}, and so are their cells; name one of them, or rename one"
+        message = f"two matrices have the name {twice}; name only one of them, or rename one"
         raise BadInput(message)
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import re
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -31,23 +32,38 @@ from harness.reports import document, publishing
 from harness.reports.tables import tables
 from harness.running import open_matrix
 from harness.running.signatures import shipped_signatures
+from harness.standalone import wrapping
 from harness.standalone.failures.remedies import in_words
 from harness.standalone.output import print_json
 
-HELP = "Show everything known of one cell: versions, phases, checks, the line that says why, its log and its lock."
+HELP = (
+    "Show everything known about one combination: versions, phases, checks, the line that shows why it failed, its log"
+    " and its lock. Results that come with simmatrix are included."
+)
 
 TAIL = 15
 """Lines of the log that are shown."""
+LABEL = re.compile(r" *\S+(?: \S+)?  +")
+"""The begin of a line in two columns."""
+INDENT = 4
+WHOLE = ("  |", "  uv ", "  simmatrix ", "lock ", "key ", "evidence ", "  frame ")
+"""Begins of lines that people copy."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `show`."""
-    parser.add_argument("cell", metavar="CELL", help="a cell's id, or a glob that matches one: '*mujoco-3.3*'")
+    parser.add_argument("cell", metavar="CELL", help="id of a combination, or a glob that matches one: '*mujoco-3.3*'")
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--json", action="store_true", help="print it as a report document, and nothing else, on stdout")
+    form.add_argument(
+        "--json", action="store_true", help="print a report of this combination as JSON on stdout, and nothing else"
+    )
     parser.add_argument("--lock-out", type=Path, metavar="FILE",
-                        help="write its lock, and patched wheels that it needs next to it")  # fmt: skip
-    form.add_argument("--issue", action="store_true", help="print a red cell as a redacted report for its upstream")
+                        help="write the lock, with the patched wheels that it needs next to it")  # fmt: skip
+    form.add_argument(
+        "--issue",
+        action="store_true",
+        help="print a failure as an issue for the package's maintainers, without private data",
+    )
 
 
 def main(args: argparse.Namespace) -> int:
@@ -75,8 +91,7 @@ def main(args: argparse.Namespace) -> int:
         print(issuing.issue(record, entry, opened), end="")
         return 0
     for record, entry in zip(records, report.cells, strict=True):
-        print("\n".join(_lines(entry)))
-        print("\n".join(_next(record.cell, entry)))
+        _print([*_lines(entry), *_next(record.cell, entry)])
     return 0
 
 
@@ -86,9 +101,9 @@ def _show_shipped(report: Document, *, issue: bool) -> None:
         table = shipped_cell.of_table(entry.id)
         again = shlex.join(["simmatrix", "run", entry.matrix, "-k", entry.label]) if not table else _try_again(table)
         if issue:
-            message = f"show {entry.id} --issue: was not run here; run it first: {again}"
+            message = f"show {entry.id} --issue: was not measured here; measure it first: {again}"
             raise BadInput(message)
-        print("\n".join([*_lines(entry), *(_of_table(table) if table else ())]))
+        _print([*_lines(entry), *(_of_table(table) if table else ())])
         print("next")
         if entry.lock_sha256:
             print(f"  {shlex.join(['simmatrix', 'show', entry.id, '--lock-out', 'requirements.txt'])}")
@@ -116,7 +131,7 @@ def _find_shipped(records: Sequence[CellRecord], pattern: str) -> str:
     all_ids = [record.cell.id for record in records] + shipped_cell.ids("*")
     near = get_close_matches(pattern, all_ids, n=1)
     hint = f"; did you mean {near[0]}?" if near else "; `simmatrix known` lists what was measured"
-    message = f"show {pattern}: no cell of this name was measured{hint}"
+    message = f"show {pattern}: no combination of this name was measured{hint}"
     raise BadInput(message)
 
 
@@ -146,6 +161,15 @@ def _document(records: Sequence[CellRecord], all_records: Sequence[CellRecord], 
 
 
 # --- what is said ----------------------------------------------------------------------------------------------
+
+
+def _print(lines: Iterable[str]) -> None:
+    """Print lines, broken at the width of a terminal; the log, commands and paths stay whole."""
+    columns = wrapping.width(sys.stdout)
+    for line in lines:
+        label = LABEL.match(line)
+        indent = len(label[0]) if label else INDENT
+        print("\n".join([line] if line.startswith(WHOLE) else wrapping.wrap(line, columns, indent)))
 
 
 def _lines(cell: CellEntry) -> Iterator[str]:

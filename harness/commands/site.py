@@ -14,8 +14,8 @@ from harness.model.report_types import format_count
 from harness.standalone.output import print_json
 
 HELP = (
-    "Build a static site from reports: what works together, a page for every combination, package, environment and "
-    "known issue. It opens from disk, and needs no network."
+    "Build a static site from reports: tables of what works together, and a page for every combination, package,"
+    " environment and known issue. The site opens from disk and needs no network."
 )
 
 
@@ -34,11 +34,11 @@ class SiteDocument(msgspec.Struct, frozen=True, kw_only=True):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `site`."""
     parser.add_argument("sources", metavar="SOURCE", nargs="*",
-                        help="a report.json, a folder that holds one or several, or a matrix that was run here"
-                             " [the reports that come with simmatrix]")  # fmt: skip
+                        help="a report.json, a folder that holds one or several, or a matrix that was measured here"
+                             " (default: the reports that come with simmatrix)")  # fmt: skip
     parser.add_argument("--out", type=Path, metavar="DIR", required=True,
-                        help="the folder of the site; an earlier site in it is replaced")  # fmt: skip
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+                        help="write the site to this folder; an earlier site in it is replaced")  # fmt: skip
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:

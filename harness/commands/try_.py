@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 
 from harness.commands import ad_hoc_cell, arguments
 from harness.judging.assess import assess
@@ -15,18 +16,22 @@ from harness.reports.text import progress
 from harness.reports.text.try_answer import answer
 from harness.running import scheduler
 from harness.running.signatures import shipped_signatures
+from harness.standalone import wrapping
 from harness.standalone.output import print_json
 
-HELP = "Try one combination of requirements: lock, install, and run environments in it."
+HELP = (
+    "Measure one combination of requirements: lock it, install it and run environments in it. Nothing of your own"
+    " environment is changed."
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `try`."""
     ad_hoc_cell.add_arguments(parser)
-    parser.add_argument("--fresh", action="store_true", help="resolve and measure again")
+    parser.add_argument("--fresh", action="store_true", help="ignore earlier results: resolve and measure again")
     arguments.offline(parser)
     arguments.verify(parser)
-    parser.add_argument("--json", action="store_true", help="print the report document, and nothing else, on stdout")
+    parser.add_argument("--json", action="store_true", help="print the report as JSON on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:
@@ -51,5 +56,7 @@ def main(args: argparse.Namespace) -> int:
         report = document.build([record], [planned], facts, store.now(), locate, used, knowledge=knowledge)
         print_json(document.encode(report))
     else:
-        print(answer(assessed))
+        columns = wrapping.width(sys.stdout)
+        first, *others = answer(assessed).splitlines()
+        print("\n".join([*wrapping.wrap(first, columns), *wrapping.wrap_lines(others, columns)]))
     return 0 if assessed.verdict is Verdict.WORKS else 3 if assessed.untold else 1

@@ -24,8 +24,8 @@ from harness.standalone.installing import installer
 from harness.standalone.output import print_json
 
 HELP = (
-    "Foresee an upgrade of the environment at hand: would it install, run, behave and look the same; the newest"
-    " release that changes nothing; the command. Exit status 1: something fails or changes; 3: not measured."
+    "Predict what an upgrade would change in the active environment: does it install, run, behave the same and look"
+    " the same? Also name the newest release that changes nothing, and the command that installs it."
 )
 
 
@@ -35,16 +35,24 @@ MOST = 3
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `upgrade`."""
-    parser.add_argument("requirements", metavar="REQUIREMENT", nargs="+", help="mujoco, or mujoco==3.9.0")
+    parser.add_argument(
+        "requirements",
+        metavar="REQUIREMENT",
+        nargs="+",
+        help="a package (its newest release), or one release such as mujoco==3.9.0",
+    )
     parser.add_argument("-r", dest="files", type=Path, metavar="FILE", action="append", default=[],
-                        help="a requirement file in place of the environment at hand")  # fmt: skip
-    parser.add_argument("--python", metavar="V|PATH", help="another environment; or the Python of the files")
-    parser.add_argument("--env", metavar="ID", help="only this environment, such as Ant-v5")
+                        help="a requirement file instead of the active environment; may be repeated")  # fmt: skip
+    parser.add_argument(
+        "--python", metavar="V|PATH", help="with -r: the Python version; without: the environment to upgrade"
+    )
+    parser.add_argument("--env", metavar="ID", help="only results of this environment, such as Ant-v5")
     parser.add_argument("--try", dest="measure", action="store_true",
-                        help="measure in a copy what no table holds: the task of --env, or some of them")  # fmt: skip
-    parser.add_argument("--all", action="store_true", help="name every task and every release")
-    parser.add_argument("--offline", action="store_true", help="never ask the index")
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+                        help="measure missing results in a copy of the environment: the one of --env, or up to "
+                             f"{MOST}")  # fmt: skip
+    parser.add_argument("--all", action="store_true", help="list every environment and every release")
+    parser.add_argument("--offline", action="store_true", help="never ask the package index")
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 def main(args: argparse.Namespace) -> int:

@@ -10,6 +10,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from time import monotonic
 from typing import Any
 
 import msgspec
@@ -33,6 +34,7 @@ from harness.history.release_reader import ReleaseFacts
 from harness.machine.store import cache_folder, digest, write_atomic
 from harness.model import Artifact
 from harness.model.errors import HarnessError
+from harness.model.report_types import format_duration
 from harness.packages import index
 
 ROOT = Path(__file__).parents[2]
@@ -63,20 +65,23 @@ class ReleaseDocument(msgspec.Struct, frozen=True, kw_only=True):
 def main(arguments: list[str] | None = None) -> None:
     """Read the packages and write their histories, then the table of import names."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="the packages [all of them]")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="packages to read (default: all)")
     args = parser.parse_args(arguments)
     plan = package_plan.load(PLAN)
     packages = plan.all_packages()
     if unknown := {*args.names} - {*packages, python_library.PACKAGE}:
         parser.error(f"{PLAN.name} has no {', '.join(sorted(unknown))}")
-    for name in args.names or (*packages, python_library.PACKAGE):
+    names, began = args.names or (*packages, python_library.PACKAGE), monotonic()
+    for number, name in enumerate(names, 1):
         if name == python_library.PACKAGE:
             write_atomic(OUT / f"{name}.json.gz", encode(fold(name, python_library.read())))
             continue
         reader = _Reader(name, packages[name], plan.helpers)
         history = encode(fold(name, without_placeholders([*reader.releases()])))
         write_atomic(OUT / f"{name}.json.gz", history)
-        print(f"{name}: {len(history):,} bytes, read from {reader.downloaded:,}", flush=True)
+        to_go = format_duration((monotonic() - began) / number * (len(names) - number))
+        sizes = f"{len(history):,} bytes, read from {reader.downloaded:,}"
+        print(f"[{number}/{len(names)}] {name}: {sizes} (about {to_go} to go)", flush=True)
     write_atomic(OUT / import_table.FILE, import_table.encode(plan, OUT))
     word_index.main()
 

@@ -12,7 +12,7 @@ from harness.model.vocabulary import FAMILY, IMPORT_CHECK
 MOST_NAMED = 3
 ARGUMENTS = "single.arguments"
 ONLY_IMPORT = "only the import was tried"
-OWN = "what no id names is run by a callable that makes it: --env MODULE:CALLABLE"
+OWN = "for an environment without an id, name a callable that makes it: --env MODULE:CALLABLE"
 
 
 def exercised_packages(evidence: CellRecord) -> frozenset[str]:

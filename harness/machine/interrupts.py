@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
 INTERRUPTED, TERMINATED = 130, 143
-GOES_ON = "finished cells are kept, the same command goes on from there"
+GOES_ON = "finished results are kept, and the same command continues from there"
 ENDING = (signal.SIGTERM, signal.SIGHUP)
 """SIGHUP comes where a terminal is closed, an ssh session ends; `nohup` makes it ignored."""
 

@@ -201,7 +201,7 @@ def describe_missing(needs: Iterable[str]) -> str | None:
 
 def _hint(need: str, machine: Machine) -> str:
     if need not in HINTS:
-        return f"nothing here is known as {need!r}: a need is one of {', '.join(HINTS)}"
+        return f"unknown need {need!r}; choose from {', '.join(HINTS)}"
     name, remedy = HINTS[need]
     reason = machine.facts.get(need, {}).get("missing")
     return f"no {name} here{f' ({reason})' if reason else ''}: {remedy}"

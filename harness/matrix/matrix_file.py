@@ -339,15 +339,15 @@ def _check_case(file: str, path: Keys, case: CaseTable) -> None:
     phases = {check.partition(".")[0] for check in checks}
     with locate_errors(file, *path, "picture"):
         if case.picture and "render" not in phases:
-            message = 'is never looked at, since "checks" leaves "render" out'
+            message = 'has no effect, since "checks" leaves "render" out'
             raise ValueError(message)
     for index, name in enumerate(case.required):
         with locate_errors(file, *path, "required", index):
             if name.partition(".")[0] not in phases:
-                message = f'"{name}" is never looked at, since "checks" leaves its phase out'
+                message = f'"{name}" has no effect, since "checks" leaves its phase out'
                 raise ValueError(message)
             if name in CHECKS and name not in checks:
-                message = f'"{name}" is never looked at, since "checks" leaves it out'
+                message = f'"{name}" has no effect, since "checks" leaves it out'
                 raise ValueError(message)
     with locate_errors(file, *path, "kwargs"):
         _check_finite(case.kwargs)

@@ -95,7 +95,7 @@ class BringTable(Table, frozen=True, kw_only=True):
     variable: Annotated[
         VariableName, Meta(description="the user's variable that names it: a folder, an archive, or git+ADDRESS@REF")
     ]
-    say: Annotated[str, Meta(min_length=1, description="what to do where it is not there")]
+    say: Annotated[str, Meta(min_length=1, description="what to do if it is missing")]
     source: Annotated[str | None, Meta(description="where it is if the variable is not set")] = None
     python_path: Annotated[
         tuple[InnerFolder, ...], Meta(description="folders of it that modules are imported from; `.` is its top")
@@ -109,16 +109,22 @@ CONDITIONAL = ("constraints", "overrides", "build_constraints")
 class Changes(Table, frozen=True, kw_only=True):
     """The additions that the matrix makes to every cell, or one value of an axis to its cells."""
 
-    requirements: Annotated[tuple[Requirement, ...], Meta(description="asked for besides the package axes")] = ()
-    constraints: Annotated[tuple[Constraint, ...], Meta(description="bounds on anything that is installed")] = ()
-    overrides: Annotated[tuple[Constraint, ...], Meta(description="replace what packages themselves require")] = ()
-    build_constraints: Annotated[tuple[Constraint, ...], Meta(description="bounds on what builds use")] = ()
+    requirements: Annotated[
+        tuple[Requirement, ...], Meta(description="requirements in addition to the package axes")
+    ] = ()
+    constraints: Annotated[
+        tuple[Constraint, ...], Meta(description="version limits for everything that is installed")
+    ] = ()
+    overrides: Annotated[
+        tuple[Constraint, ...], Meta(description="replace requirements of the packages themselves")
+    ] = ()
+    build_constraints: Annotated[tuple[Constraint, ...], Meta(description="version limits for build tools")] = ()
     build_variables: Annotated[Variables, Meta(description="environment variables of builds")] = Variables()
     only_binary: Annotated[
         tuple[PackageSelector, ...], Meta(description="packages never built from source, `:all:` for every one")
     ] = ()
     overlay: Annotated[
-        tuple[PackageName, ...], Meta(description="packages whose releases that no resolver accepts are repaired")
+        tuple[PackageName, ...], Meta(description="packages whose releases with invalid metadata are patched")
     ] = ()
     environment: Annotated[Variables, Meta(description="environment variables of the cell")] = Variables()
     needs: Annotated[tuple[Capability, ...], Meta(description="what the machine must have")] = ()
@@ -131,7 +137,7 @@ class Changes(Table, frozen=True, kw_only=True):
         tuple[InnerFolder, ...],
         Meta(description="folders of the cell's HOME that modules are imported from; `.` too"),
     ] = ()
-    bring: Annotated[dict[Label, BringTable], Meta(description="what the user has to bring, by a name for it")] = {}
+    bring: Annotated[dict[Label, BringTable], Meta(description="software that users provide, by a name")] = {}
     extras: Annotated[tuple[PackageName, ...], Meta(description="extras of the subject")] = ()
     groups: Annotated[tuple[PackageName, ...], Meta(description="dependency groups of the subject (PEP 735)")] = ()
 
@@ -157,7 +163,7 @@ class CaseTable(Table, frozen=True, kw_only=True):
         tuple[CheckName, ...],
         Meta(description="checks, or phases for the usual ones, `vector.*` for all; default: every phase but interop"),
     ] = ()
-    required: Annotated[tuple[FindingName, ...], Meta(description="warnings that turn the case red")] = ()
+    required: Annotated[tuple[FindingName, ...], Meta(description="warnings that make the case fail")] = ()
     imports: Annotated[tuple[ModuleName, ...], Meta(description="modules imported first")] = ()
     when: When = {}
     only: Annotated[
@@ -312,7 +318,7 @@ class VariantTable(Table, frozen=True, kw_only=True):
     """Combinations under a side condition: measured and listed, but not part of a table's squares."""
 
     when: Annotated[When, Meta(min_length=1)]
-    reason: Annotated[str, Meta(min_length=1, description="what is different about them")]
+    reason: Annotated[str, Meta(min_length=1, description="the side condition in words")]
 
 
 class IncludeTable(Table, frozen=True, kw_only=True):
@@ -360,8 +366,8 @@ class ChangeTable(Changes, frozen=True, kw_only=True):
     remedy_of: Annotated[
         str | None, Meta(description="it is the remedy of this signature, and changes nothing besides")
     ] = None
-    advice: Annotated[bool, Meta(description="whether it is what people say helps")] = False
-    link: Annotated[str | None, Meta(description="where that is said")] = None
+    advice: Annotated[bool, Meta(description="whether people recommend it")] = False
+    link: Annotated[str | None, Meta(description="a page that says so")] = None
     expect: Annotated[ChangedTable, Meta(description="the expected result; default: it works")] = field(
         default_factory=ChangedTable
     )

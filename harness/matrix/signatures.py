@@ -162,22 +162,24 @@ class Signature(Table, frozen=True, kw_only=True):
         False
     )
     silent: Annotated[
-        bool, Meta(description="nothing is raised: the packages that are there tell of it, in green results, too")
+        bool, Meta(description="no error is raised: the installed packages show it, also in results that work")
     ] = False
     envs: Annotated[
         tuple[Annotated[str, Meta(min_length=1)], ...],
         Meta(description="what ids of environments a silent one speaks of: `Fetch*-v3`; `!Ant-*` leaves some out"),
     ] = ()
-    apis: Annotated[tuple[Api, ...], Meta(description="the APIs that a silent one speaks of [all]")] = ()
-    opengl: Annotated[bool, Meta(description="a silent one that shows only in pictures which OpenGL drew")] = False
+    apis: Annotated[tuple[Api, ...], Meta(description="for a silent one: its APIs; default: all")] = ()
+    opengl: Annotated[bool, Meta(description="for a silent one: it shows only in pictures drawn by OpenGL")] = False
     check: (
         Annotated[
             str,
-            Meta(pattern=r"^[a-z]+(\.[a-z_0-9]+)+$", description="the check that shows a silent one, or refutes it"),
+            Meta(
+                pattern=r"^[a-z]+(\.[a-z_0-9]+)+$", description="for a silent one: the check that shows or refutes it"
+            ),
         ]
         | None
     ) = None
-    formerly: Annotated[tuple[Label, ...], Meta(description="ids that it had before, by which it is still found")] = ()
+    formerly: Annotated[tuple[Label, ...], Meta(description="earlier ids, which still find it")] = ()
     references: tuple[str, ...] = ()
     examples: Annotated[
         tuple[str, ...],

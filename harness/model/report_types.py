@@ -59,6 +59,14 @@ def format_count(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
+def format_duration(seconds: float) -> str:
+    """Return a duration in the unit that says enough: `40 s`, `12 min`, `3 h 05 min`."""
+    minutes = round(seconds / 60)
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60:02d} min"
+
+
 def first_few(names: Sequence[str], most: int) -> str:
     """Return the names, `most` of them at most, and how many more there are."""
     more = f" and {len(names) - most} more" if len(names) > most else ""

@@ -312,14 +312,18 @@ class Brought(Struct, frozen=True, kw_only=True):
 
 
 class Change(Struct, frozen=True, kw_only=True):
-    """A change to a cell: the remedy of a known failure, or a change that a matrix tries by a name."""
+    """A change to a cell: the fix of a known issue, or a change that a matrix tries by a name."""
 
     requirements: Annotated[
         tuple[Requirement, ...], Meta(description="asked for instead of what was asked for of the same package")
     ] = ()
-    constraints: Annotated[tuple[Requirement, ...], Meta(description="bounds on anything that is installed")] = ()
-    overrides: Annotated[tuple[Requirement, ...], Meta(description="replace what packages themselves require")] = ()
-    build_constraints: Annotated[tuple[Requirement, ...], Meta(description="bounds on what builds use")] = ()
+    constraints: Annotated[
+        tuple[Requirement, ...], Meta(description="version limits for everything that is installed")
+    ] = ()
+    overrides: Annotated[
+        tuple[Requirement, ...], Meta(description="replace requirements of the packages themselves")
+    ] = ()
+    build_constraints: Annotated[tuple[Requirement, ...], Meta(description="version limits for build tools")] = ()
     build_variables: Annotated[Variables, Meta(description="environment variables of builds")] = {}
     only_binary: Annotated[
         tuple[PackageSelector, ...], Meta(description="packages never built from source, `:all:` for every one")

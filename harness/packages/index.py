@@ -326,18 +326,18 @@ class _Client:
                 return in_time(work, PAGE_READS * self._patience.timeout[1], slowest=slowest)
             except Overdue as error:
                 # No further attempt: this one took all the time that the work may have.
-                message = f"{_shown(address)} could not be had: {error}"
+                message = f"{_shown(address)} could not be downloaded: {error}"
                 raise IndexUnreachable(message) from None
             except (RequestException, ValueError) as error:
                 if pause is None or not _passing(error):
-                    message = f"{_shown(address)} could not be had: {_reason(error)}"
+                    message = f"{_shown(address)} could not be downloaded: {_reason(error)}"
                     raise IndexUnreachable(message) from None
                 time.sleep(pause)
         raise AssertionError
 
 
 def _offline_message(place: str) -> str:
-    return f"{place} is on the network and the harness is offline; run without --offline"
+    return f"{place} is on the network, and --offline is set; run without --offline"
 
 
 def _passing(error: Exception) -> bool:

@@ -124,7 +124,7 @@ def copy_source(subject: Subject, target: Path) -> Path:
     if checkouts.of_folder(path).mark != subject.state:
         here = (one.relative_to(copy) for one in copy.rglob("*") if one.is_file() and ".git" not in one.parts)
         newest = max(here, key=lambda name: (copy / name).stat().st_mtime, default=Path())
-        hint = "run it again, and have output go elsewhere or ignored by git"
+        hint = "run it again, and write output elsewhere or to a path that git ignores"
         message = f"subject: its files were changed since this run began, the last of them {newest}; {hint}"
         raise CouldNotTell(message)
     return copy

@@ -118,7 +118,7 @@ def failure(text: str, phase: Phase) -> Step:
     if MALFORMED.search(own) or NO_PROJECT.search(own):
         return Step(phase=Phase.INSTALL, outcome=Outcome.FAILED, decisive=_places_apart(_plain(words)))
     if BAD_INPUT.search(own):
-        message = f"uv cannot use what it was given: {_plain(words)}; correct the requirement or setting"
+        message = f"uv cannot use its input: {_plain(words)}; correct the requirement or setting"
         raise UnusableRequirement(message)
     if foreign := FOREIGN.search(own):
         decisive = (
@@ -134,7 +134,7 @@ def failure(text: str, phase: Phase) -> Step:
     if TROUBLE.search(own):
         return Step(phase=phase, outcome=Outcome.INFRA, decisive=_trouble(words))
     step = _of_packages(words, own, phase)
-    unknown = f"uv failed in a way that is not known: {_plain(words)}"
+    unknown = f"uv failed for an unknown reason: {_plain(words)}"
     return step or Step(phase=phase, outcome=Outcome.INFRA, decisive=unknown)
 
 

@@ -107,7 +107,7 @@ def build(  # noqa: PLR0913 - all that a document is made of
 
 
 def role(cell_id: str, change: ChangeEntry | None, variants: Container[str], *, proving: bool = False) -> Role:
-    """Return the role of a cell; a change that is the remedy of a known failure, or proves one, is a repair."""
+    """Return the role of a cell; a change that is the fix of a known issue, or proves one, is a repair."""
     if change is None:
         return Role.VARIANT if cell_id in variants else Role.MAIN
     return Role.REPAIR if proving or change.remedy_of or change.name == REPAIR else Role.WHAT_IF

@@ -25,6 +25,7 @@ from harness.probes.vault import Vault
 from harness.reports import behaviour, document, packs, publishing
 from harness.reports.packs import Index, Packed
 from harness.reports.pictures import boundaries as picture_boundaries
+from harness.reports.text import progress
 from harness.running import open_matrix
 from harness.running.signatures import shipped_signatures
 from harness.standalone.output import print_json
@@ -56,7 +57,7 @@ def main(folders: Sequence[Path], *, write: bool, as_json: bool) -> int:
     combined document is printed, and the changes go to stderr.
     """
     altered, untold, documents = 0, 0, []
-    for folder in folders:
+    for folder in progress.count_off(folders, "report"):
         index = packs.index(folder)
         if index is None or not all((folder / name).exists() for name in index.packs):
             untold += 1
@@ -169,7 +170,7 @@ def _tell_untold(folder: Path) -> None:
     cells = document.read_file(path).cells if path.is_file() else ()
     named = first_few([cell.id for cell in cells], MOST_NAMED)
     where = os.path.relpath(folder)
-    print(f"{where}: its evidence does not lie next to it; not judged again: {named}", file=sys.stderr)
+    print(f"{where}: its evidence is missing; not judged again: {named}", file=sys.stderr)
 
 
 def _altered(again: JudgedReport) -> Iterator[str]:

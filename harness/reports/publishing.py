@@ -330,5 +330,5 @@ def _closing(records: Sequence[CellRecord]) -> str:
         return "nothing was measured"
     reused = sum(record.reused for record in records)
     if reused == len(records):
-        return f"nothing to do: all {reused} cells were measured before, under the same keys"
-    return f"{format_count(len(records) - reused, 'cell')} measured, {reused} reused"
+        return f"nothing to do: all {reused} results are reused"
+    return f"{format_count(len(records) - reused, 'combination')} measured, {reused} reused"

@@ -28,7 +28,7 @@ def renew(file: Path, make: Make) -> int:
     """Make the blocks of a file again and return 0. Raises BadInput if it has none."""
     before = given_files.read_text(file)
     if not BLOCK.search(before):
-        message = f"{file}: has no table to make again: `<!-- simmatrix report SOURCE -->`, below it `<!-- end -->`"
+        message = f"{file}: has no table to update: `<!-- simmatrix report SOURCE -->`, below it `<!-- end -->`"
         raise BadInput(message)
     after = renew_text(before, file.parent, make)
     if after != before:

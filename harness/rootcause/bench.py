@@ -16,7 +16,7 @@ from harness.machine import interpreters, process, this_machine
 from harness.machine.store import Store, cache_folder
 from harness.model import CASE_PHASES, Cell, CellRecord, ControlRecord, Outcome, Phase, Verdict
 from harness.packages import locks
-from harness.running.scheduler import ControlledRunner, Observer, QuietObserver, Runner, Settings, steps
+from harness.running.scheduler import ControlledRunner, Observer, QuietObserver, Runner, Settings, StepObserver, steps
 from harness.running.scheduler.shared_environment import Pool
 from harness.running.signatures import shipped_signatures
 
@@ -89,12 +89,12 @@ class Trial:
         if self.assessed.verdict is Verdict.WORKS:
             return str(Verdict.WORKS)
         passed = [phase for phase in CASE_PHASES if self.assessed.phases.get(phase) is Outcome.PASSED]
-        return f"passes {' and '.join(passed)}, all that was asked for"
+        return f"passes {' and '.join(passed)}, all that was requested"
 
     @property
     def failure_text(self) -> str:
         """Return the words for a cell that does not do everything requested."""
-        return f"{self.assessed.verdict}: {self.assessed.decisive or 'no line says why'}"
+        return f"{self.assessed.verdict}: {self.assessed.decisive or 'no line of the output explains it'}"
 
     @property
     def untold(self) -> bool:
@@ -209,6 +209,12 @@ class Bench:
         """Return how long it has taken so far."""
         return monotonic() - self.began
 
+    @property
+    def mean_seconds(self) -> float | None:
+        """Return the mean duration of a measured cell; None before the first was measured."""
+        measured = [trial.seconds for trial in self.trials if not trial.at_hand]
+        return sum(measured) / len(measured) if measured else None
+
     def _within(self) -> None:
         if self.bounds.runs is not None and self.runs >= self.bounds.runs:
             message = f"{self.bounds.runs} runs are used up"
@@ -218,7 +224,7 @@ class Bench:
             raise BudgetExhausted(message)
 
     def _make_runner(self, settings: Settings) -> Runner:
-        return Runner(self.store, settings, QuietObserver(self.observer))
+        return Runner(self.store, settings, StepObserver(self.observer))
 
     def _controlled(self, runner: Runner) -> ControlledRunner:
         return ControlledRunner(runner, self._controls)

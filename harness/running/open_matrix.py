@@ -177,7 +177,7 @@ def locate(name: str) -> Path:
         return matrices[name]
     near = get_close_matches(name, matrices, n=1)
     hint = f'did you mean "{near[0]}"?' if near else f"the built-in ones are: {', '.join(matrices) or 'none'}"
-    message = f"{name}: not a matrix file (NAME.toml) and not a built-in matrix; {hint}"
+    message = f"{name}: neither a matrix file (NAME.toml) nor a built-in matrix; {hint}"
     raise BadInput(message)
 
 

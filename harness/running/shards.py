@@ -37,11 +37,11 @@ class Shard:
         """Return the shard that `I/N` names. Raises ValueError with a sentence."""
         match = re.fullmatch(r"(\d+)/(\d+)", text)
         if match is None:
-            message = f"{text!r} is no shard; write I/N, which one of how many, as in 2/4"
+            message = f"{text!r} is not a shard; write I/N, such as 2/4 for the second of four"
             raise ValueError(message)
         # The length is looked at before int(), which Python refuses for thousands of digits.
         if max(map(len, match.groups())) > len(str(MOST)) or int(match[2]) > MOST:
-            message = f"{text[:40]!r}: there are at most {MOST:,} shards"
+            message = f"{text[:40]!r}: at most {MOST:,} shards are possible"
             raise ValueError(message)
         number, count = map(int, match.groups())
         if not 1 <= number <= count:

@@ -100,7 +100,7 @@ def judge_phase(
         return ItemOutcome(kind=Kind.INCONCLUSIVE, text=f"inconclusive: not run: {here.line}", evidence=here.evidence)
     way = _find_blocker(phase, phases)
     if way is None:
-        return ItemOutcome(kind=Kind.INCONCLUSIVE, text="inconclusive: it was not reached, and nothing says why")
+        return ItemOutcome(kind=Kind.INCONCLUSIVE, text="inconclusive: it was not reached, for an unknown reason")
     if way.outcome is Outcome.UNAVAILABLE:
         return _judge_result(cell, way, today)
     if way.phase in shown:

@@ -23,17 +23,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="append",
         default=[],
         metavar="MATRIX",
-        help="A matrix file, or the name of a built-in one; may be given several times. Its cells are what\n"
-        f"`--pyargs {SUITE}` runs, and what the fixtures `cell` and `env` stand for.",
+        help="A matrix file, or the name of a built-in matrix; may be repeated. Its combinations are the tests of\n"
+        f"`--pyargs {SUITE}`, and the values of the fixtures `cell` and `env`.",
     )
-    group.addoption("--matrix-fresh", action="store_true", help="Measure everything again")
-    group.addoption("--matrix-offline", action="store_true", help="Use what is in the caches, never the network")
+    group.addoption("--matrix-fresh", action="store_true", help="Ignore earlier results; locks are kept")
+    group.addoption("--matrix-offline", action="store_true", help="Use the caches only, never the network")
     group.addoption(
         "--matrix-verify",
         action="store_true",
-        help="One process per check, failures confirmed, environments checked file by file",
+        help="Run each check in a process of its own, repeat failures, compare installed files with their hashes",
     )
-    group.addoption("--matrix-out", metavar="DIR", help="Where the reports go [.harness/reports/MATRIX]")
+    group.addoption(
+        "--matrix-out", metavar="DIR", help="Write the reports to this folder (default: .harness/reports/MATRIX)"
+    )
 
 
 @pytest.hookimpl(wrapper=True)

@@ -34,15 +34,17 @@ def console() -> None:
 def main(arguments: Sequence[str]) -> int:
     """Run one verb and return its exit code."""
     ours, command = explain.split(arguments)
-    parser = argparse.ArgumentParser(prog=_program(), description="What failed, why, and what to do; installs nothing.")
+    parser = argparse.ArgumentParser(
+        prog=_program(), description="Explain failures and inspect environments. Nothing is installed."
+    )
     verbs = parser.add_subparsers(dest="verb", metavar="explain|doctor")
     explain.add_arguments(verbs.add_parser("explain", help="explain a failure", description=explain.HELP))
-    _add_doctor(verbs.add_parser("doctor", help="what is wrong with an environment"))
+    _add_doctor(verbs.add_parser("doctor", help="inspect an environment"))
     args = parser.parse_args(ours)
     if args.verb is None:
-        parser.error("say explain or doctor")
+        parser.error("name a verb: explain or doctor")
     if command is not None and args.verb == "doctor":
-        parser.error("doctor runs no command")
+        parser.error("doctor takes no command after --")
     try:
         return _explain(args, command) if args.verb == "explain" else _doctor(args)
     except (explain.UsageError, NoEnvironment) as error:
@@ -68,17 +70,17 @@ def _explain(args: argparse.Namespace, command: Optional[List[str]]) -> int:
 
 def _add_doctor(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--python", metavar="PATH", help="an interpreter, or the folder of an environment")
-    parser.add_argument("--env", metavar="ID", help="the environment that is to run, for the nearest known-good lock")
-    parser.add_argument("--rendering", action="store_true", help="look at the libraries that draw, and the settings")
-    parser.add_argument("--prove", action="store_true", help="needs the harness, and says so")
+    parser.add_argument(
+        "--env", metavar="ID", help="an environment to run, such as Ant-v5, for the closest working versions"
+    )
+    parser.add_argument("--rendering", action="store_true", help="also check which library renders, and its settings")
+    parser.add_argument("--prove", action="store_true", help="needs simmatrix: prints the command that installs it")
     parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
 
 
 def _doctor(args: argparse.Namespace) -> int:
     if args.prove:
-        message = "doctor --prove makes an environment, which needs the harness (Python 3.11 or newer): {}".format(
-            PROVE
-        )
+        message = "doctor --prove needs simmatrix on Python 3.11 or newer: {}".format(PROVE)
         raise explain.UsageError(message)
     # Whoever types `/env/bin/python FILE doctor` means /env, even while another environment is active.
     request = doctor.Request(
@@ -103,7 +105,7 @@ def _doctor(args: argparse.Namespace) -> int:
 def _load_signatures() -> List[Signature]:
     content = carried_file(SIGNATURES)
     if content is None:
-        message = "this file carries no known failures; make it by `simmatrix doctor --standalone FILE`"
+        message = "this file has no list of known failures; write it with `simmatrix doctor --standalone FILE`"
         raise explain.UsageError(message)
     literals.remember(json.loads((carried_file(LITERALS) or b"{}").decode()))
     return [read(plain) for plain in json.loads(content.decode())]

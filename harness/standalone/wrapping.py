@@ -10,6 +10,9 @@ from typing import Iterable, Iterator, List, Optional, TextIO
 
 SENTENCE = re.compile(r"^(?:cause|also|remedy|that is|warning|note|hidden by|because|derived): +")
 NARROWEST = 40
+QUOTED = re.compile(r"`[^`]+`")
+KEPT_SPACE = "\ue000"
+"""Stands for a space at which no line is broken: a character of the private area, which no text has."""
 
 
 def width(stream: TextIO) -> Optional[int]:
@@ -36,9 +39,13 @@ def wrap_lines(lines: Iterable[str], columns: Optional[int]) -> Iterator[str]:
 
 
 def wrap(line: str, columns: Optional[int], indent: int = 2) -> List[str]:
-    """Break a line between words; what follows the first line is indented. No word is cut, not even at its hyphens."""
-    if columns is None:
+    """Break a line between words; what follows the first line is indented.
+
+    No word is cut, not even at its hyphens, and no command in backquotes: people copy them whole.
+    """
+    if columns is None or len(line) <= columns:
         return [line]
-    # A package, a path or an option has to be copied whole.
+    whole = QUOTED.sub(lambda command: command.group(0).replace(" ", KEPT_SPACE), line)
     below = " " * indent
-    return textwrap.wrap(line, columns, subsequent_indent=below, break_long_words=False, break_on_hyphens=False)
+    wrapped = textwrap.wrap(whole, columns, subsequent_indent=below, break_long_words=False, break_on_hyphens=False)
+    return [text.replace(KEPT_SPACE, " ") for text in wrapped]

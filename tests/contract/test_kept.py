@@ -77,7 +77,7 @@ def test_a_replaced_function_of_ours_is_a_finding(what: str, probe, tmp_path: Pa
         "check": "check_import_modules.run",
     }
     assert list(found) == ["import.replaced"]
-    assert texts[0].endswith(f"so that its checks say nothing: {name[what]}")
+    assert texts[0].endswith(f"so that its checks prove nothing: {name[what]}")
 
 
 VALUES = [

@@ -185,8 +185,8 @@ def test_source_that_changes_while_it_is_used(tree: Path, tmp_path: Path) -> Non
         package_under_test.copy_source(settled, tmp_path / "other")
 
     assert str(error.value) == (
-        "subject: its files were changed since this run began, the last of them setup.py; run it again, and have "
-        "output go elsewhere or ignored by git"
+        "subject: its files were changed since this run began, the last of them setup.py; run it again, and write "
+        "output elsewhere or to a path that git ignores"
     )
 
 

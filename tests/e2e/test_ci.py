@@ -215,7 +215,7 @@ class TestBadInput:
         monkeypatch.chdir(repository / "matrices")
 
         assert self.refused(capsys, "mine.toml") == (
-            "simmatrix: mine.toml: a workflow starts at the root of its repository; run this there, in ..\n"
+            "simmatrix: mine.toml: workflows run at the root of the repository; run this command there, in ..\n"
         )
 
     def test_absolute_path(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -243,7 +243,7 @@ class TestBadInput:
     def test_option_of_another_platform(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
         """An option that the platform would ignore is refused."""
         assert self.refused(capsys, "matrices/mine.toml", "--provider", "slurm", "--install", ".") == (
-            "simmatrix: --install: means nothing to slurm; leave it out\n"
+            "simmatrix: --install: has no effect on slurm; leave it out\n"
         )
 
     def test_nothing_to_compare_with(self, repository: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -217,7 +217,7 @@ def test_python_path(place: Place) -> None:
 
     assert [(check, text.partition(":")[0]) for check, text in texts_of_findings(made)] == [
         ("import.shadowed", f"PYTHONPATH ({more}) hides numpy of this environment"),
-        ("probe.difference", "other versions than this environment's own are used here"),
+        ("probe.difference", "versions from outside this environment are used"),
     ]
     (difference,) = [one for one in made["differences"] if one["kind"] == "module"]
     assert (difference["module"], difference["by"]) == ("numpy", ["PYTHONPATH"])
@@ -410,7 +410,7 @@ MEASURED = {"cells": [CELL], "locks": {"l": [["gym", "0.26.2"], ["numpy", "1.26.
     [
         (None, "2.2.6", "these versions were not measured together; the nearest that work (m/cell, here, 2026-11-22)"),
         (None, "1.26.4", "these versions were measured together, and work (m/cell, here, 2026-11-22)"),
-        ("Other-v0", "2.2.6", "  Other-v0 was made in nothing that was measured"),
+        ("Other-v0", "2.2.6", "  Other-v0 was not part of any measurement"),
     ],
     ids=["other-versions", "these-versions", "another-environment"],
 )  # fmt: skip
@@ -445,4 +445,4 @@ def test_the_one_file(place: Place, other: Interpreter) -> None:
     assert "pip install simmatrix; simmatrix doctor --rendering" in people.stdout
     assert json.loads(document.stdout)["environment"]["packages"] == {"gym": "0.26.2", "numpy": "2.2.6"}
     assert (proof.returncode, proof.stdout) == (2, "")
-    assert "needs the harness" in proof.stderr
+    assert "needs simmatrix on Python 3.11" in proof.stderr

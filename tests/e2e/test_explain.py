@@ -328,10 +328,10 @@ def test_unknown_is_an_answer() -> None:
     ("arguments", "message"),
     [
         (("no.log",), "simmatrix: explain: no.log: cannot be read: No such file or directory\n"),
-        (("-",), "simmatrix: explain: stdin is empty; give the whole output of what failed\n"),
-        (("--python", "/nowhere", "a.log"), "simmatrix: explain --python /nowhere: no Python lies there; name an"
+        (("-",), "simmatrix: explain: stdin is empty; give the complete output of the failed command\n"),
+        (("--python", "/nowhere", "a.log"), "simmatrix: explain --python /nowhere: there is no Python; name an"
          " interpreter or the folder of an environment\n"),
-        (("--",), "simmatrix: explain: names no command after --\n"),
+        (("--",), "simmatrix: explain: there is no command after --\n"),
         (("a.log", "--", "true"), "simmatrix: explain: a FILE or a command, not both: a.log stands before --\n"),
     ],
 )  # fmt: skip

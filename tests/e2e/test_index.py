@@ -287,7 +287,7 @@ class TestTrouble:
         with pytest.raises(IndexUnreachable) as raised:
             releases("pole", page(server, reply))
 
-        assert str(raised.value) == f"{server.url}/simple/pole/ could not be had: {reason}"
+        assert str(raised.value) == f"{server.url}/simple/pole/ could not be downloaded: {reason}"
         assert raised.value.exit_code == 3
         assert len(server.asked) == attempts
 
@@ -295,7 +295,7 @@ class TestTrouble:
         """A page that arrives too slowly is given up at the time limit, after one request."""
         began = time.monotonic()
 
-        with pytest.raises(IndexUnreachable, match="/simple/pole/ could not be had: its answer does not end"):
+        with pytest.raises(IndexUnreachable, match="/simple/pole/ could not be downloaded: its answer does not end"):
             releases("pole", page(server, drip), patience=BRIEF)
 
         assert (time.monotonic() - began < 4, len(server.asked)) == (True, 1)
@@ -331,7 +331,7 @@ class TestTrouble:
             releases("pole", IndexSettings(default=f"http://user:secret@{server.host}/simple"))
 
         assert str(raised.value) == (
-            f"{server.url}/simple/pole/ could not be had: "
+            f"{server.url}/simple/pole/ could not be downloaded: "
             "no connection; check the network and the index settings of uv and pip"
         )
 
@@ -350,7 +350,7 @@ class TestTrouble:
             releases("pole", page(server, JSON), offline=True)
 
         assert str(raised.value) == (
-            f"{server.url}/simple is on the network and the harness is offline; run without --offline"
+            f"{server.url}/simple is on the network, and --offline is set; run without --offline"
         )
         assert server.asked == []
 
@@ -465,5 +465,5 @@ class TestFetch:
             fetch(wheel(f"{server.url}/pole.whl"), tmp_path)
 
         assert str(raised.value) == (
-            f"{server.url}/pole.whl could not be had: it answers HTTP 404; try again later, or set another index"
+            f"{server.url}/pole.whl could not be downloaded: it answers HTTP 404; try again later, or set another index"
         )

@@ -290,7 +290,7 @@ class TestIndexTrouble:
             ask("fake-plain===")
 
         assert str(raised.value) == (
-            "uv cannot use what it was given: Couldn't parse requirement in `requirements.in` at position 0: "
+            "uv cannot use its input: Couldn't parse requirement in `requirements.in` at position 0: "
             "Unexpected end of version specifier, expected version: fake-plain===; correct the requirement or setting"
         )
 

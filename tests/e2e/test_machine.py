@@ -269,7 +269,7 @@ class TestMissing:
             "no X display here (no Xvfb): install Debian's xvfb and libgl1-mesa-dri, "
             "or run where DISPLAY names an X server; "
             f"no EGL here ({reason}): install Debian's libegl1 and libgl1-mesa-dri, or the GPU vendor's driver; "
-            "nothing here is known as 'gpus': a need is one of egl, osmesa, display, glu, gpu"
+            "unknown need 'gpus'; choose from egl, osmesa, display, glu, gpu"
         )
 
 

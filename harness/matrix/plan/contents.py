@@ -167,8 +167,8 @@ class Contents:
         api = find_api(case.env or "", self.question(combination).requirements)
         if api is None:
             message = (
-                f'{self.matrix.path}: cases: the key "api" is missing of "{case.env}", and nothing that is asked for '
-                f"tells it{suggestion('', APIS)}"
+                f'{self.matrix.path}: cases: the key "api" is missing of "{case.env}", and no requirement tells '
+                f"which it is{suggestion('', APIS)}"
             )
             raise BadInput(message)
         return self.spoken.setdefault((id(case), api), replace(case, api=api))

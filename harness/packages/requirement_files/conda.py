@@ -17,7 +17,7 @@ from harness.packages.requirement_files.yaml_texts import readable_yaml
 
 
 def environment_yml(text: str, source: Source) -> Parsed:
-    """Read conda's format: its pip part and its Python; every other conda package is not modelled."""
+    """Read conda's format: its pip part and its Python; every other conda package is not supported."""
     # Nodes instead of plain values: they know their lines, which messages name.
     with readable_yaml(text, source.name):
         root = yaml.compose(text, Loader=yaml.SafeLoader)
@@ -30,7 +30,7 @@ def environment_yml(text: str, source: Source) -> Parsed:
     inputs, pip = Inputs(), []
     if "variables" in tables:
         line = tables["variables"].start_mark.line + 1
-        inputs += Inputs(not_modelled=(f"{source.name}:{line}: variables are not modelled; give them with --set",))
+        inputs += Inputs(not_modelled=(f"{source.name}:{line}: variables are not supported; give them with --set",))
     for entry in dependencies.value:
         where = f"{source.name}:{entry.start_mark.line + 1}"
         if isinstance(entry, yaml.MappingNode):
@@ -89,9 +89,9 @@ def _conda(spec: str, where: str) -> Inputs:
         version = f"=={fuzzy[2]}" if fuzzy[1] == "==" and not fuzzy[3] else f"=={fuzzy[2]}.*"
     if name != "python":
         releases = _as_requirement(PYPI.get(name, name), version)
-        reason = CONDA_PACKAGE if releases else "this way of naming a package of conda is not modelled"
+        reason = CONDA_PACKAGE if releases else "this way of naming a package of conda is not supported"
         return Inputs(conda=releases, not_modelled=(f"{where}: {spec}: {reason}",))
     try:
         return Inputs(python=str(requirement_texts.specifiers(version)) or None)
     except InvalidSpecifier:
-        return Inputs(not_modelled=(f"{where}: {spec}: this way of naming a Python is not modelled; give --python",))
+        return Inputs(not_modelled=(f"{where}: {spec}: this way of naming a Python is not supported; give --python",))

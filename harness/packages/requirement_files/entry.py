@@ -19,7 +19,7 @@ ARCHIVES = (".whl", ".tar.gz", ".zip")
 MOST = 2_000
 """Requirements of a file."""
 
-CONDA_PACKAGE = "conda packages are not modelled"
+CONDA_PACKAGE = "conda packages are not supported"
 """The reason why no lock has a package of conda; `Inputs.conda` has the release of it."""
 
 LONGEST_QUOTE = 200
@@ -107,7 +107,7 @@ def requirement(text: str, source: Source, where: str) -> Inputs:
         parsed = requirement_texts.requirement(text)
     except InvalidRequirement as error:
         if "/" not in bare and not bare.strip().endswith(ARCHIVES):
-            message = f"{where}: '{shorten(text)}' is no requirement: {str(error).splitlines()[0]}"
+            message = f"{where}: '{shorten(text)}' is not a requirement: {str(error).splitlines()[0]}"
             raise BadInput(message) from None
         url, name = bare.strip(), _archive_name(bare.strip())
     else:

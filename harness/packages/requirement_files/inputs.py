@@ -68,8 +68,7 @@ def _parsed(path: Path, text: str, extras: Sequence[str], groups: Sequence[str])
 def _text(path: Path) -> str:
     if path.name in FOREIGN:
         message = (
-            f"{path}: this format is not read;"
-            " give requirements.txt, pyproject.toml, uv.lock, pylock.toml or environment.yml"
+            f"{path}: unknown format; give requirements.txt, pyproject.toml, uv.lock, pylock.toml or environment.yml"
         )
         raise BadInput(message)
     return given_files.read_text(path)
@@ -80,7 +79,7 @@ def _included(includes: Iterable[Include], path: Path, seen: set[Path]) -> Input
     inputs = Inputs()
     for include in includes:
         if "://" in include.path:
-            inputs += Inputs(not_modelled=(f"{include.where}: {include.path}: a file on the network is not modelled",))
+            inputs += Inputs(not_modelled=(f"{include.where}: {include.path}: a file on the network is not supported",))
             continue
         target = path.parent / include.path
         if not os.path.isfile(target):  # noqa: PTH113 - a name may be too long for `Path.is_file`

@@ -107,13 +107,13 @@ def _option(option: str, value: str, source: Source, where: str) -> Inputs:
         "--pre": Inputs(prerelease="allow"),
         "--only-binary": Inputs(only_binary=packages),
         "--require-hashes": Inputs(),
-        "--editable": Inputs(not_modelled=(f"{where}: -e {value}: editable installs are not modelled",)),
+        "--editable": Inputs(not_modelled=(f"{where}: -e {value}: editable installs are not supported",)),
     }
     text = f"{option} {value}".strip()
-    return modelled.get(option, Inputs(not_modelled=(f"{where}: {text}: this option is not modelled",)))
+    return modelled.get(option, Inputs(not_modelled=(f"{where}: {text}: this option is not supported",)))
 
 
 def _more(options: str, where: str) -> Inputs:
     """Return the options behind a requirement, except hashes, as not modelled."""
     others = [one for one in options.split(" --") if one and not one.startswith("hash")]
-    return Inputs(not_modelled=tuple(f"{where}: --{one.strip()}: this option is not modelled" for one in others))
+    return Inputs(not_modelled=tuple(f"{where}: --{one.strip()}: this option is not supported" for one in others))

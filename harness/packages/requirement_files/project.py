@@ -142,14 +142,14 @@ def _unread(text: str, source: Source, document: _Document) -> Iterator[str]:
             yield f"{where}: {name} is dynamic: only a build of the project tells it"
     if document.tool.poetry.dependencies:
         where = where_in(text, r"tool\.poetry\.dependencies", source)
-        yield f"{where}: tool.poetry.dependencies: Poetry's own format is not modelled; export requirements.txt"
+        yield f"{where}: tool.poetry.dependencies: Poetry's own format is not supported; export requirements.txt"
     for name in document.tool.uv.sources:
         where = where_in(text, rf"(?s)tool\.uv\.sources.*?{re.escape(name)}", source)
-        yield f"{where}: tool.uv.sources.{name}: sources are not modelled; {name} is taken from the indexes"
+        yield f"{where}: tool.uv.sources.{name}: sources are not supported; {name} is taken from the indexes"
     for index in document.tool.uv.index:
         if index.explicit:
             where = where_in(text, quote(index.url), source)
-            yield f"{where}: {index.url}: an explicit index is not modelled"
+            yield f"{where}: {index.url}: an explicit index is not supported"
 
 
 def _resolution(table: _Uv) -> Inputs:

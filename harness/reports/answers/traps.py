@@ -33,7 +33,7 @@ class Red(msgspec.Struct, frozen=True, kw_only=True):
     """Combinations that do not work, for one cause: `causes` are signatures, `line` is the decisive line of one cell.
 
     `deciding` are the versions of packages, of Python or of variables that differ from working cells with the same
-    versions of the packages asked for. It is empty if there is no such cell: then other packages that the cells asked
+    versions of the packages asked for. It is empty if no such combination: then other packages that the cells asked
     for may be at fault. `beside` are their versions. `instead` are the versions of the working cell that is nearest.
     `tasks` are the environments that fail; `elsewhere` is whether others work with these very versions. `remedy` says
     in a few words what to do about the first of the causes. With `first_failure_only`, the evidence was not kept, and

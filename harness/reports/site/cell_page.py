@@ -22,6 +22,7 @@ from harness.reports.site.site_facts import SiteFacts
 from harness.reports.site.site_sources import Source
 from harness.reports.tables import tables
 from harness.reports.tables.family_tables import FamilyTable
+from harness.reports.text import progress
 from harness.running import lock_files
 from harness.standalone.failures.remedies import in_words
 
@@ -34,7 +35,7 @@ class CellPages:
 
     def write(self) -> None:
         """Write a page for each cell of each report."""
-        for cell_id, held in self._facts.entries.items():
+        for cell_id, held in progress.count_off(list(self._facts.entries.items()), "page"):
             source, first = held[0]
             self._writer.write(
                 addresses.cell_page(cell_id, first.matrix),

@@ -36,7 +36,7 @@ def answer(judged: Assessed) -> str:
     if judged.verdict is Verdict.WORKS:
         return line
     cause_lines = (line for one in judged.diagnoses[:1] for line in _describe_failure(one.signature))
-    why = (judged.decisive or "no line says why", *cause_lines)
+    why = (judged.decisive or "no line of the output explains it", *cause_lines)
     missed = idle(record)
     other = (f"of {' and '.join(missed)} nothing was run",) if missed else ()
     return "\n".join((line, *why, *other, f"next: simmatrix show {shlex.quote(record.cell.id)}"))
@@ -67,7 +67,7 @@ def _not_run(judged: Assessed) -> Iterable[str]:
             offers.setdefault(str(library), []).extend(map(str, ids))
     if not offers:
         yield f"no environment of it is registered with {' or '.join(FAMILY)}"
-        yield f"next: name one with --env ID, or what it speaks with --api; {OWN}"
+        yield f"next: name one with --env ID, or its API with --api; {OWN}"
         return
     for library, ids in offers.items():
         yield f"it registers with {library}: {first_few(ids, MOST_IDS)}"
@@ -131,7 +131,7 @@ def _describe_phases(judged: Assessed) -> str:
     mended = [f"repaired: {overlay_recipes.describe_edits(one)}" for one in record.repairs]
     drawn = any(phase.phase is Phase.RENDER and phase.frames for case in record.cases for phase in case.phases)
     needed = tables.settings(record.supplied, record.installed or {}) if drawn else ()
-    settings = [f"drawn with {', '.join(needed)}, which a user sets, too"] if needed else []
+    settings = [f"drawn with {', '.join(needed)} (set this in your shell as well)"] if needed else []
     reasons = {p.phase: p.decisive for case in reversed(record.cases) for p in reversed(case.phases) if p.decisive}
     open_ends = [Phase(name) for name in judged.unverified if name in {*Phase}]
     unverified = (f"{phase} not verified: {reasons.get(phase, 'it was not reached')}" for phase in open_ends)

@@ -36,7 +36,7 @@ class BehaviourPredicate:
     @property
     def words(self) -> str:
         """Return the definition of bad in words."""
-        return f"{self.env} behaves otherwise than with {self.reference}"
+        return f"{self.env} behaves differently from {self.reference}"
 
     def classify(self, trial: Trial) -> Classification:
         """Return the answer of a trial."""

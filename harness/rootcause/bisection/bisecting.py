@@ -9,6 +9,7 @@ from enum import StrEnum
 
 from harness.matrix import changes
 from harness.model import Cell, Change, Phase, Question, Repair, Tried, cellid
+from harness.model.report_types import format_count, format_duration
 from harness.model.vocabulary import required_name
 from harness.rootcause.bench import Bench, BudgetExhausted, Trial
 from harness.rootcause.bisection.behaviour import BehaviourPredicate, BehaviourTask
@@ -126,7 +127,7 @@ class Bisection:
         if not lost:
             self.notes.append(f"no candidate was found that works: {self._tried()}")
             return Status.NO_GOOD_END
-        self.notes.append(f"of {', '.join(lost)} nothing could be told here, and each may be good; {self._tried()}")
+        self.notes.append(f"{', '.join(lost)} could not be measured here, and may work; {self._tried()}")
         return Status.UNTOLD
 
     # --- ends ------------------------------------------------------------------------------------------------------
@@ -267,12 +268,17 @@ class Bisection:
         """Measure a candidate, again if it was measured before, and return its answer."""
         candidate = self.task.line[place]
         before = [step for step in self.steps if step.candidate == candidate]
-        steps = "" if left is None else f", about {left} {'step' if left == 1 else 'steps'} left"
+        steps = "" if left is None else f", about {format_count(left, 'step')} left{self._to_go(left)}"
         self.say(f"{'again ' if before else ''}{self.task.axis} {candidate.name}{steps}")
         trial = self.bench.measure(self.cell(candidate), again=bool(before))
         classification = self._predicate.classify(trial)
         self._note(candidate, "again" if before else why, trial, classification)
         return classification
+
+    def _to_go(self, left: int) -> str:
+        """Return the time that some more measurements take, by those of this search."""
+        each = self.bench.mean_seconds
+        return "" if each is None else f" (about {format_duration(left * each)})"
 
     def _confirm_neighbours(self, boundary: Boundary[Candidate]) -> tuple[Step | None, Step | None]:
         """Measure both neighbours in all phases and return them; (None, None) if there is no boundary."""
@@ -324,7 +330,7 @@ class Bisection:
         self.steps.append(step)
         self.say(
             f"  {classification.answer}: {classification.words}"
-            + (" (at hand)" if trial.at_hand else f" ({trial.seconds:.0f} s)")
+            + (" (measured before)" if trial.at_hand else f" ({trial.seconds:.0f} s)")
         )
         return step
 

@@ -86,11 +86,11 @@ def pin_release(cell: Cell, name: str, version: str) -> Change:
 def _find_exclusion(release: Release, interpreter: Interpreter, options: LineOptions, *, source: bool) -> str | None:
     """Return the reason to leave out a release; None if it fits."""
     if release.yanked and not options.yanked:
-        return "yanked (--yanked takes them in)"
+        return "yanked (--yanked includes them)"
     if Version(release.version).is_prerelease and not options.pre:
-        return "pre-releases (--pre takes them in)"
+        return "pre-releases (--pre includes them)"
     if release.requires_python and not _allows(release.requires_python, interpreter.version):
-        return f"not for Python {interpreter.minor}, by their own words"
+        return f"not for Python {interpreter.minor}, according to their metadata"
     if not times.has_wheel(release.wheels, interpreter) and not (release.sdist and source):
         return f"without a wheel for Python {interpreter.minor} on this machine"
     return None
@@ -166,7 +166,7 @@ def place(line: Candidates, text: str, option: str) -> int:
     for number, name in enumerate(names):
         if same(name, text):
             return number
-    message = f"{option} {text}: is not among what can be tried here{suggestion(text, names)}; {_choices(line)}"
+    message = f"{option} {text}: cannot be tried here{suggestion(text, names)}; {_choices(line)}"
     raise BadInput(message)
 
 
@@ -179,7 +179,7 @@ def day(line: Candidates, text: str, option: str) -> int:
         raise BadInput(message) from None
     before = [number for number, one in enumerate(line.candidates) if (one.change.as_of or one.name) <= instant]
     if not before:
-        message = f"{option} {text}: nothing that the cell needs was uploaded by then; {_choices(line)}"
+        message = f"{option} {text}: the packages did not exist yet; {_choices(line)}"
         raise BadInput(message)
     return before[-1]
 

@@ -174,7 +174,9 @@ def _tried(env: str, case: Case, record: CaseRecord, installed: Mapping[str, str
     if failed is None:
         sentence = f"{name} was made and stepped in this environment ({', '.join(phases)} passed){other}"
     else:
-        sentence = f"{name}: {failed.phase} {failed.outcome}: {failed.decisive or 'no line says why'}{other}"
+        sentence = (
+            f"{name}: {failed.phase} {failed.outcome}: {failed.decisive or 'no line of the output explains it'}{other}"
+        )
     return Tried(env=env, api=case.api, phases=phases, decisive=failed.decisive if failed else None, said=sentence)
 
 

@@ -58,7 +58,7 @@ def proof(document: Mapping[str, Any], *, env: str | None, offline: bool) -> Pro
         # The copy with the changes comes first: if it tells nothing, the other one need not be made.
         after, left_out = copies.measure({**installed, **changed}, changed)
         if after.assessed.verdict in UNTOLD:
-            message = f"doctor --prove: it cannot be told here: {after.assessed.decisive}"
+            message = f"doctor --prove: this cannot be decided here: {after.assessed.decisive}"
             raise CouldNotTell(message)
         before, _ = copies.measure(installed, {})
     return _proof(before, after, left_out)
@@ -68,7 +68,7 @@ def _proof(before: Trial, after: Trial, left_out: tuple[str, ...]) -> Proof:
     works = after.works and not before.works
     sentence = f"without the changes a copy {_describe_trial(before)}; with them it {_describe_trial(after)}"
     if after.works and before.works:
-        sentence = "a copy works with the changes, and without them, too: what was tried shows no fault of the versions"
+        sentence = "a copy works with and without the changes: this test shows no fault of the versions"
     beside = f" ({len(left_out)} other packages were left to the resolver)" if left_out else ""
     return Proof(
         proven=works,

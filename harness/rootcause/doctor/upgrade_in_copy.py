@@ -52,7 +52,7 @@ def try_upgrade(
             before, _ = copies.measure(installed, ())
             if before.untold or after.untold:
                 trial = before if before.untold else after
-                message = f"upgrade --try: it cannot be told here: {trial.assessed.decisive}"
+                message = f"upgrade --try: this cannot be decided here: {trial.assessed.decisive}"
                 raise CouldNotTell(message)
             compared: Compared = None, "it does not run in both"
             if _runs(before) and _runs(after):

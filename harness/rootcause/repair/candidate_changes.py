@@ -22,7 +22,7 @@ class Way(StrEnum):
     """The source of a change, the least intrusive first."""
 
     NAMED = "a bound that the error names"
-    SIGNATURE = "the remedy of a known failure"
+    SIGNATURE = "the fix of a known issue"
     MISSING = "what is imported and not required"
     OVERLAY = "a repaired release"
     BUILDS = "build requirements of the time"

@@ -45,7 +45,10 @@ def _describe_remedy(document: RepairDocument, remedy: RemedyEntry) -> Iterator[
     if remedy.moved and remedy.way == Way.REFUSED:
         yield f"you asked for another {' and '.join(remedy.moved)}: {remedy.why}"
     elif remedy.moved:
-        yield f"nothing else that was tried cures it: {' and '.join(remedy.moved)} has to move, which you bounded"
+        yield (
+            f"no other change that was tried fixes it: {' and '.join(remedy.moved)} must change, although you "
+            "limited it"
+        )
     yield f"remedy: {'; '.join(remedy.does)}"
     yield from pasting.lines(remedy.paste)
     for part in remedy.parts:
@@ -59,17 +62,17 @@ def _describe_remedy(document: RepairDocument, remedy: RemedyEntry) -> Iterator[
         open_ends = f", not verified: {', '.join(remedy.unverified)}" if remedy.unverified else ""
         yield f"sufficient: with it every check passes (run {remedy.proof}, {proof.seconds:.0f} s{open_ends})"
     if document.stopped:
-        yield f"stopped short: {document.stopped}; a smaller change may do"
+        yield f"stopped early: {document.stopped}; a smaller change may be enough"
 
 
 def _nothing(document: RepairDocument) -> Iterator[str]:
     if document.status is Status.UNTOLD:
-        yield "nothing that could be told cures it; fix what the note names and run the same command again"
+        yield "no change that could be measured fixes it; solve the problem in the note and run the same command again"
     elif document.status is Status.STOPPED:
-        yield f"stopped short: {document.stopped}; not tried yet: {', '.join(document.left)}"
+        yield f"stopped early: {document.stopped}; not tried yet: {', '.join(document.left)}"
     else:
         tried = max(len(document.runs) - 1, 0)
-        yield f"nothing that was tried cures it ({tried} {'change' if tried == 1 else 'changes'})"
+        yield f"no change fixes it; {tried} {'was' if tried == 1 else 'were'} tried"
 
 
 def _ended(run: RunEntry) -> str:

@@ -336,9 +336,7 @@ class Search:
         again = self.lab.measure(Change(), "as it is asked for, once more", again=True)
         if again.works:
             self.flaky, self.cure = True, None
-            self.notes.append(
-                "as it is asked for it failed, and then worked: it is flaky, and what cures it cannot be told"
-            )
+            self.notes.append("as it is asked for it failed, and then worked: it is flaky, and no fix can be shown")
 
     # --- the answer ------------------------------------------------------------------------------------------------
 
@@ -351,7 +349,7 @@ class Search:
             ends = [one.trial.assessed for one in self.lab.runs]
             unclear = [one for one in ends if one.verdict is Verdict.INCONCLUSIVE]
             if unclear:
-                self.notes.append(f"{len(unclear)} of the runs tell nothing: {unclear[0].decisive}")
+                self.notes.append(f"{len(unclear)} of the runs are inconclusive: {unclear[0].decisive}")
             untold = unclear or self.flaky
             status = Status.STOPPED if stopped else Status.UNTOLD if untold else Status.NOT_FOUND
             notes = tuple(self.notes)

@@ -120,7 +120,7 @@ def read(folder: Path) -> Manifest:
     try:
         content = given_files.read_content(path)
     except BadInput as error:
-        message = f"{error}; `simmatrix fetch MATRIX --to {folder}` makes it, and goes on where it was"
+        message = f"{error}; `simmatrix fetch MATRIX --to {folder}` writes it, and continues where it stopped"
         raise BadInput(message) from None
     try:
         return schema.load_json(content, Manifest, str(path))
@@ -134,7 +134,9 @@ def open_folder(folder: Path) -> Fetched:
     manifest = read(folder)
     here = os.uname().machine
     if manifest.architecture != here:
-        message = f"{folder}: was fetched for {manifest.architecture}, and this machine is {here}; fetch on its like"
+        message = (
+            f"{folder}: was fetched for {manifest.architecture}, and this machine is {here}; fetch on such a machine"
+        )
         raise BadInput(message)
     return Fetched(folder=folder.absolute(), manifest=manifest)
 
@@ -193,7 +195,7 @@ class Fetched:
             matrix = "MATRIX" if cell.matrix == controls.MATRIX else cell.matrix
             return f"was not fetched; `simmatrix fetch {matrix} --to {self.folder.name}` brings it"
         if entry.question != question_mark(cell):
-            return "was fetched by another simmatrix, which asked otherwise; fetch it again"
+            return "was fetched by another version of simmatrix; fetch it again"
         if entry.python is None or entry.implementation is None:
             return f"could not be fetched: {entry.decisive}"
         candidate = interpreters.obtain(cell.python, offline=True)
@@ -242,7 +244,9 @@ class Fetched:
                     wheel = self.sound(Path(pin.artifact.source).relative_to(self.folder).as_posix())
                 # `open_folder` compares the architecture only; whether the C library is new enough shows in the tags.
                 if locks.rank(wheel.name, interpreter)[0] == locks.UNRANKED:
-                    message = f"{wheel.name} does not fit this machine (its C library is older?); fetch on its like"
+                    message = (
+                        f"{wheel.name} does not fit this machine (its C library is older?); fetch on such a machine"
+                    )
                     raise Changed(message)
         except Changed as error:
             raise install_failed(Outcome.INFRA, str(error)) from None

@@ -3,7 +3,15 @@
 from harness.running.scheduler.control import ControlledRunner
 from harness.running.scheduler.flow import run, threads
 from harness.running.scheduler.runner import Prepared, Runner
-from harness.running.scheduler.settings import AUTO, WAITING, Observer, QuietObserver, Settings, default_jobs
+from harness.running.scheduler.settings import (
+    AUTO,
+    WAITING,
+    Observer,
+    QuietObserver,
+    Settings,
+    StepObserver,
+    default_jobs,
+)
 
 __all__ = [
     "AUTO",
@@ -14,6 +22,7 @@ __all__ = [
     "QuietObserver",
     "Runner",
     "Settings",
+    "StepObserver",
     "cost_history",
     "default_jobs",
     "other_drawing",

@@ -80,6 +80,15 @@ class QuietObserver:
             self._observer.say(text)
 
 
+class StepObserver(QuietObserver):
+    """An observer that hands on the steps of a cell, but not its begin and end, which `observer` sees anyway."""
+
+    def step(self, cell: Cell, text: str) -> None:
+        """Show the step, if somebody listens."""
+        if self._observer:
+            self._observer.step(cell, text)
+
+
 @dataclass
 class Workshop:
     """All that the cells of a run share: where results are kept, how they are made, and what was made once for all.

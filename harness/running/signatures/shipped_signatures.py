@@ -35,7 +35,7 @@ def load_all() -> tuple[Signature, ...]:
 @cache
 def _read(place: Path) -> tuple[Signature, ...]:
     if not place.is_dir():
-        message = f"{place}: is no folder; {VARIABLE} names the folder of the signatures"
+        message = f"{place}: is not a folder; {VARIABLE} names the folder of the signatures"
         raise BadInput(message)
     return signatures.read({path.name: _text(path) for path in sorted(place.glob("*.toml"))})
 

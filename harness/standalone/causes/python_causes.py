@@ -41,9 +41,9 @@ def causes(line: str, scene: Scene) -> Causes:
     elif SUBSCRIPT.search(line) and BUILTIN.search(scene.failure.text):
         yield _newer("`list[int]` and its like are there since Python 3.9", "3.9")
     elif "SyntaxError" in line and MATCH.search(scene.failure.text):
-        yield _newer("`match` is there since Python 3.10", "3.10")
+        yield _newer("`match` exists since Python 3.10", "3.10")
     elif abstract and next(filter(None, abstract.groups())) in ABSTRACT_CLASSES:
-        text = "Python 3.10 took `{}` out of collections: it is in collections.abc since 3.3"
+        text = "Python 3.10 removed `{}` from collections; it is in collections.abc"
         way = "Or take a newer release of the package that imports it, or write `collections.abc` there."
         yield Cause("python", text.format(next(filter(None, abstract.groups()))), {"python": "<3.10", "text": way})
     elif mutable and mutable.group(1) not in BUILTIN_MUTABLES:

@@ -130,7 +130,7 @@ def _near(
         return None
     name, there = env
     combination = nearest_combination.to_dict(looked, near, how, name if there else None)
-    notes = ["{} was made in nothing that was measured".format(name)] if name and not there else []
+    notes = ["{} was not part of any measurement".format(name)] if name and not there else []
     return dict(combination, remarks=[*notes, *combination["remarks"]])
 
 
@@ -149,7 +149,7 @@ def _check_environment(here: Viewpoint, probes: JsonObject, looked: JsonObject, 
         *environment_findings.find_loaded_twice(probes),
         *environment_findings.report_differences(here, looked, apart),
     ]
-    return findings + [Finding("probe", NOTE, "could not be told: " + error) for error in looked["errors"]]
+    return findings + [Finding("probe", NOTE, "could not be checked: " + error) for error in looked["errors"]]
 
 
 def _check_start(probes: JsonObject, apart: Sequence[Any]) -> List[Finding]:
@@ -175,7 +175,7 @@ def _report_signature(signature: Any) -> Finding:
     return Finding(
         "known",
         WARNING,
-        "known of these versions (shows in {}): {} ({})".format(phases, signature.plain["cause"], signature.id),
+        "known issue of these versions (shows in {}): {} ({})".format(phases, signature.plain["cause"], signature.id),
     )
 
 
@@ -212,7 +212,9 @@ def _build_failure_document(here: Viewpoint, choice: Choice, looked: JsonObject)
     old = len(numbers) == 2 and all(map(str.isdigit, numbers)) and tuple(map(int, numbers)) < OLDEST
     if old:
         finding = Finding(
-            "python.version", WARNING, "this is Python {}, older than 3.7, the oldest known here".format(version_text)
+            "python.version",
+            WARNING,
+            "this is Python {}, older than 3.7, the oldest supported one".format(version_text),
         )
     else:
         finding = Finding("python.start", WARNING, "this Python does not start: {}".format(looked["trouble"]))
@@ -258,7 +260,7 @@ def lines(report: JsonObject, in_words: Callable[[JsonObject], str]) -> Iterable
     if len(notes) > SHOWN:
         yield "... and {} more notes (--json lists all)".format(len(notes) - SHOWN)
     if not warnings:
-        yield "nothing is wrong, as far as can be seen from outside"
+        yield "no problem was found"
     yield from _nearest(report)
 
 
@@ -293,7 +295,7 @@ def _nearest(report: JsonObject) -> Iterable[str]:
         return
     yield ""
     if near is None:
-        yield "nearest known-good: nothing that is installed here was measured"
+        yield "closest working versions: none of the installed packages was measured"
         return
     where = "{}, {}, {}".format(near["cell"], near["machine"], near["measured"][:10])
     if not near["command"]:
@@ -303,7 +305,7 @@ def _nearest(report: JsonObject) -> Iterable[str]:
         changes = ", ".join("{} {}, here {}".format(one["name"], one["then"], one["now"]) for one in near["changes"])
         yield "these versions were not measured together; the nearest that work ({}) have {}".format(where, changes)
     else:
-        yield "nearest known-good ({}):".format(where)
+        yield "closest working versions ({}):".format(where)
         yield "  {}".format(near["command"])
     yield from ("  {}".format(one) for one in near["remarks"])
     if near["also"]:

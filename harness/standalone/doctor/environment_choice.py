@@ -45,7 +45,7 @@ def choose_environment(
         executable = shutil.which(name, path=variables.get("PATH", os.defpath))
         if executable:
             return Choice(executable, "`{}` on PATH; no environment is active".format(name), remarks)
-    message = "there is no Python here: no environment is active, ./.venv is none, and PATH has none; " + HOW
+    message = "there is no Python here: no environment is active, there is no ./.venv, and PATH has no Python; " + HOW
     raise NoEnvironment(message)
 
 
@@ -80,7 +80,7 @@ def _resolve_option(text: str, variables: Mapping[str, str], folder: str) -> str
             gone = os.path.realpath(dangling)
             message = "--python {}: its Python was {}, which is gone; create the environment again".format(text, gone)
             raise NoEnvironment(message)
-        message = "--python {}: no Python lies in that folder; {}".format(text, HOW)
+        message = "--python {}: that folder holds no Python; {}".format(text, HOW)
         raise NoEnvironment(message)
     if os.path.isfile(path):
         if os.access(path, os.X_OK):

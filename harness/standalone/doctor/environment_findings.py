@@ -225,7 +225,7 @@ def _without_effect(here: Viewpoint, apart: Sequence[Difference]) -> List[Findin
     """Return a note on the settings that often matter and changed no import here."""
     blamed = {name for one in apart for name in one.by}
     idle = ["{}={}".format(name, here.variables[name]) for name in FIRST if name in here.removed and name not in blamed]
-    text = "set here, and no import was seen to be changed by it: {}".format(" ".join(idle))
+    text = "set here, without effect on any import that was tried: {}".format(" ".join(idle))
     return [Finding("probe.variables", NOTE, text)] if idle else []
 
 
@@ -265,7 +265,7 @@ def _path(by: str, differences: Sequence[Difference], facts: JsonObject) -> Find
 def _package(by: str, differences: Sequence[Difference], facts: JsonObject) -> Finding:
     listed = ", ".join("{} {}, not {}".format(one.module, one.as_it_is, one.scrubbed) for one in differences[:SHOWN])
     more = " and {} more".format(len(differences) - SHOWN) if len(differences) > SHOWN else ""
-    text = "other versions than this environment's own are used here: {}{}".format(listed, more)
+    text = "versions from outside this environment are used: {}{}".format(listed, more)
     return Finding("probe.difference", WARNING, text)
 
 
@@ -279,7 +279,7 @@ def _import(by: str, differences: Sequence[Difference], _: JsonObject) -> Findin
 def _module(by: str, differences: Sequence[Difference], _: JsonObject) -> Finding:
     first = differences[0]
     names = ", ".join(one.module for one in differences)
-    text = "with {} {} is another: {}; without: {}".format(by, names, first.as_it_is, first.scrubbed)
+    text = "with {} another {} is imported: {}; without: {}".format(by, names, first.as_it_is, first.scrubbed)
     return Finding("probe.difference", WARNING, text)
 
 

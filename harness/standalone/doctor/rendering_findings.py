@@ -11,13 +11,13 @@ from .package_findings import NOTE, WARNING, Finding
 
 NAMES = {"egl": "EGL (libEGL.so.1)", "osmesa": "OSMesa (libOSMesa.so.8)", "gl": "OpenGL (libGL.so.1)"}
 DEBIAN = {"egl": "libegl1 libgl1-mesa-dri", "osmesa": "libosmesa6", "gl": "libgl1"}
-MORE = "which device each library draws on, the harness tells: pip install simmatrix; simmatrix doctor --rendering"
+MORE = "to see the device of each library: pip install simmatrix; simmatrix doctor --rendering"
 
 
 def findings(seen: Mapping[str, Any], variables: Mapping[str, str]) -> List[Finding]:
     """Return findings about unusable rendering libraries, and the variables to set."""
     if not seen:
-        return [Finding("rendering", NOTE, "what there is to draw with could not be told")]
+        return [Finding("rendering", NOTE, "the renderers could not be listed")]
     gone = {way: why for way, why in seen["libraries"].items() if why}
     return [*_missing(gone, variables), *_mixed(variables), _here(seen, gone), Finding("rendering", NOTE, MORE)]
 

@@ -29,9 +29,9 @@ PASTED = re.compile(r": |\n")
 """What a pasted error has and the name of a file has not."""
 
 HELP = (
-    "Explain a failure from what was written of it: cause, remedy, reference, and what to type next. A FILE, or - for"
-    " stdin; or, after --, a command, which is run as it stands, and explained where it fails. Exits with 1 where the"
-    " cause is unknown; around a command with the command's own code."
+    "Explain a failure: its cause, the fix, a reference, and the command to type next. Give a log file, `-` to read"
+    " standard input, or a command after `--`. The command runs as usual; if it fails, the explanation follows its"
+    " output."
 )
 
 
@@ -51,9 +51,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.usage = (
         "%(prog)s [--python PATH] [--json] [FILE | -]\n       %(prog)s [--python PATH] [--json] -- COMMAND..."
     )
-    parser.add_argument("file", metavar="FILE", nargs="?", help="a log, traceback or notebook's output; - for stdin")
-    parser.add_argument("--python", metavar="PATH", help="the interpreter, or environment, that it failed in")
-    parser.add_argument("--json", action="store_true", help="print one JSON document, and nothing else, on stdout")
+    parser.add_argument(
+        "file",
+        metavar="FILE",
+        nargs="?",
+        help="a log, a traceback or the output of a notebook cell; `-`: standard input",
+    )
+    parser.add_argument("--python", metavar="PATH", help="the interpreter or environment in which it failed")
+    parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")
 
 
 def split(arguments: Sequence[str]) -> Tuple[List[str], Optional[List[str]]]:
@@ -69,7 +74,7 @@ def of_text(args: argparse.Namespace, knowledge: Knowledge, place: Place) -> int
     excerpt = _read(args.file)
     if not excerpt.text.strip():
         source = "stdin" if args.file in {None, "-"} else args.file
-        message = "explain: {} is empty; give the whole output of what failed".format(source)
+        message = "explain: {} is empty; give the complete output of the failed command".format(source)
         raise UsageError(message)
     around = _find_packages(args.python, ()) if args.python else None
     here = _gather_facts(around, knowledge)
@@ -86,7 +91,7 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
     from . import run_command  # noqa: PLC0415 - Windows lacks what it needs
 
     if not command:
-        message = "explain: names no command after --"
+        message = "explain: there is no command after --"
         raise UsageError(message)
     if os.name == "nt":
         message = "explain: cannot run a command on Windows; redirect its output into a file (2>&1), and give that"
@@ -107,7 +112,7 @@ def of_command(args: argparse.Namespace, command: Sequence[str], knowledge: Know
         return _report_nothing(args, ended.code, ended.trouble)
     if ended.code == INTERRUPTED:
         # This is the code of Ctrl-C: the user ended the command, and there is no failure to explain.
-        return _report_nothing(args, ended.code, "interrupted; what it wrote is in {}".format(path))
+        return _report_nothing(args, ended.code, "interrupted; its output is in {}".format(path))
     with open(path, "rb") as written:
         excerpt = log_excerpt.read_excerpt(written.read)
     requirements = _find_requirements(command)
@@ -171,7 +176,7 @@ def _print(explanation: Explanation, place: Place, stream: TextIO, *before: str)
 def _with_missing(explanation: Explanation, excerpt: Excerpt) -> Explanation:
     if not excerpt.missing:
         return explanation
-    text = "{:.1f} of {:.1f} MB were left out: looked at are the beginning, the end, and each traceback once".format(
+    text = "{:.1f} of {:.1f} MB were skipped: the beginning, the end and each traceback were read".format(
         excerpt.missing / 1e6, excerpt.size / 1e6
     )
     return explanation._replace(findings=(*explanation.findings, ("left out", "note", text)))
@@ -211,10 +216,8 @@ def _find_packages(python: Optional[str], command: Sequence[str]) -> Optional[Pa
         return packages.of_command(command, os.environ, folder)
     environment = packages.of_interpreter(python, os.environ, folder)
     if environment is None:
-        message = (
-            "explain --python {}: no Python lies there; name an interpreter or the folder of an environment".format(
-                python
-            )
+        message = "explain --python {}: there is no Python; name an interpreter or the folder of an environment".format(
+            python
         )
         raise UsageError(message)
     return environment

@@ -31,7 +31,7 @@ TROUBLE = re.compile(
 )
 """What a machine or a network lacks: no verdict about packages."""
 
-MENTION = "the text says so, too, and nothing shows that it failed by it: {} ({})"
+MENTION = "also mentioned in the log, but probably not the cause: {} ({})"
 SHOWN, LIKELY = 3, 2
 INSTALLING = ("resolve", "install")
 
@@ -240,8 +240,8 @@ def _applicable(possible: Sequence[Diagnosis], text: str) -> List[Diagnosis]:
 def _describe_condition(signature: matching.Signature) -> str:
     parts = [" or ".join("`{}`".format(each) for each in part) for part in signature.packages]
     if not parts:
-        return "nothing else in the text shows that it is about this"
-    return "the text does not tell versions: this is the cause if {} {} installed".format(
+        return "nothing else in the text points to it"
+    return "likely if {} {} installed (the log does not show the version)".format(
         " and ".join(parts), "is" if len(parts) == 1 else "are"
     )
 
@@ -262,7 +262,7 @@ def _note_other_failure(failure: Failure, hits: Sequence[Diagnosis]) -> List[Tup
         return []
     if any(hit.signature.masks and is_in(hit.seen, failure.decisive) for hit in hits):
         return []
-    text = "the last that failed is another line, a consequence or a failure of its own: {}".format(failure.decisive)
+    text = "a later line failed, too, perhaps as a consequence: {}".format(failure.decisive)
     return [("also", NOTE, text)]
 
 

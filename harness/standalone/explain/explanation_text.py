@@ -39,7 +39,7 @@ class Place(NamedTuple):
 def lines(explanation: Explanation, place: Place) -> Iterator[str]:
     """Yield an explanation as lines for people."""
     if not explanation.failure.failed and not explanation.diagnoses:
-        yield "no failure: nothing in this text says that anything failed"
+        yield "no failure: no line of this text reports a failure"
         yield "last line: {}".format(explanation.failure.last)
     elif explanation.cause is None:
         yield from _unknown(explanation)
@@ -76,7 +76,7 @@ def _cause(hit: Diagnosis) -> Iterator[str]:
     for number, link in enumerate(list(plain.get("references", ()))[:LIKE_IT]):
         yield "{} {}".format("reference:" if number == 0 else "          ", link)
     if plain.get("derived"):
-        yield "derived:   from what releases contain, and from the line itself"
+        yield "derived:   from the contents of releases and from this line"
     else:
         yield "known as:  {}".format(hit.signature.id)
 
@@ -90,7 +90,7 @@ def _unknown(explanation: Explanation) -> Iterator[str]:
     else:
         yield from _describe_masks(explanation)
     if explanation.phase == "resolve":
-        yield "cause:     unknown: what is asked for cannot be had together, as it says; no known failure is behind it"
+        yield "cause:     unknown: the requirements contradict each other, as the message says"
     else:
         yield "cause:     unknown: no known failure fits"
 
@@ -118,14 +118,14 @@ def _describe_masks(explanation: Explanation) -> Iterator[str]:
 def suggest_commands(explanation: Explanation, place: Place) -> Iterator[str]:
     """Yield the commands that help from here, the most likely first."""
     if not explanation.failure.failed:
-        yield "{} explain -- COMMAND, which keeps all that a command writes".format(place.program)
+        yield "{} explain -- COMMAND, which keeps the complete output".format(place.program)
         return
     if explanation.cause is not None:
         yield from _suggest_remedy(explanation.cause.signature.plain.get("remedy", {}), place)
     elif explanation.echoed:
         command = " ".join(map(shlex.quote, place.command)) or "COMMAND"
         yield "{} explain -- env {}=1 {}".format(place.program, FAULTS, command)
-        yield "  so that a worker that crashes says where, and all that the workers write is kept"
+        yield "  so that a crashed worker reports where, and all output is kept"
     named = ["--python", shlex.quote(place.python)] if place.python else []
     proving = ["--prove"] if explanation.cause is not None and not place.alone else []
     yield " ".join([place.program, "doctor", *named, *proving])

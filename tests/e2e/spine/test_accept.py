@@ -31,7 +31,7 @@ def test_accepted_cells_are_as_expected(desk_with_results: Desk) -> None:
     assert desk_with_results.run("run", "small.toml").code == 0
     again = desk_with_results.run("accept", "small.toml", "-k", "*", "--reason", "again")
     assert (again.code, again.out, again.err) == (
-        0, "", "nothing to accept: 2 cells of these work or are red as expected\n"
+        0, "", "nothing to accept: 2 combinations work or fail as expected\n"
     )  # fmt: skip
 
 
@@ -60,11 +60,16 @@ def test_mistakes(desk_with_results: Desk) -> None:
     path.write_text(path.read_text().replace("requirements = [", 'requirements = ["fake-plain", '))
     before = path.read_text()
     wrong = {
-        ("-k", "*odd", "--reason", "x"): "-k *odd: none of the 2 cells matches",
-        ("-k", "*", "--reason", "x"): "small: nothing of it was measured here; run it first, or name a report.json",
-        ("-k", "*", "--reason", "x", "--report", report): "was another cell then; measure the matrix as it is now",
+        ("-k", "*odd", "--reason", "x"): "-k *odd: none of the 2 combinations matches",
+        (
+            "-k",
+            "*",
+            "--reason",
+            "x",
+        ): "small: no results on this machine; run `simmatrix run` first, or name a report.json",
+        ("-k", "*", "--reason", "x", "--report", report): "has changed in the matrix since; measure it again",
         ("-k", "*", "--reason", "x", "--until", "2020-01-01"): "2020-01-01 has passed already",
-        ("-k", "*", "--reason", " "): "say why these cells are red",
+        ("-k", "*", "--reason", " "): "give the reason why these combinations fail",
     }
     for arguments, sentence in wrong.items():
         ran = desk_with_results.run("accept", "small.toml", *arguments)

@@ -127,11 +127,11 @@ def test_bisect_finds_the_release_that_behaves_otherwise(desk: Desk) -> None:
     ran = desk.run("bisect", cell, "--axis", "fake-swing", "--behaves", "--good", "1.0", "--out", "found", "--json")
     assert ran.code == 0, ran.err
     assert (ran.document["good"]["candidate"], ran.document["bad"]["candidate"]) == ("1.1", "2.0")
-    assert ran.document["predicate"]["behaves"] == "fake_swing:Swing-v0 behaves otherwise than with fake-swing 1.0"
+    assert ran.document["predicate"]["behaves"] == "fake_swing:Swing-v0 behaves differently from fake-swing 1.0"
     assert ran.document["claim"].startswith("fake-swing 1.1 is the last that behaves the same, up to rounding, and ")
     assert "fake-swing 2.0 the first that behaves otherwise; the next state" in ran.document["claim"]
     page = (desk.folder / "found" / "bisect.md").read_text(encoding="utf-8")
-    assert "fake_swing:Swing-v0 behaves otherwise than with fake-swing 1.0." in page
+    assert "fake_swing:Swing-v0 behaves differently from fake-swing 1.0." in page
 
     ends = ("--good", "1.0", "--bad", "1.1")
     same = desk.run("bisect", cell, "--axis", "fake-swing", "--behaves", *ends, "--out", "alike", COLUMNS="80")
@@ -139,7 +139,7 @@ def test_bisect_finds_the_release_that_behaves_otherwise(desk: Desk) -> None:
     assert (same.code, "the bad end 1.1: behaves the same, up to rounding" in said) == (1, True)
     assert all(len(line) <= 80 or line.startswith(("repeat it: ", "written: ")) for line in same.out.splitlines())
     unnamed = desk.run("bisect", cell, "--axis", "fake-swing", "--behaves")
-    assert (unnamed.code, "name the end that behaves rightly with --good" in unnamed.err) == (2, True)
+    assert (unnamed.code, "name the end with the right behaviour by --good" in unnamed.err) == (2, True)
 
 
 def test_an_environment_whose_state_cannot_be_set_is_compared_in_seeded_runs(desk: Desk) -> None:

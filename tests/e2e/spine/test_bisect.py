@@ -256,7 +256,7 @@ def test_two_causes_in_a_row(desk: Desk, index: str) -> None:
         ("arm", ("--bad", "1.2"), "refused", "the bad end 1.2 is not bad: it works"),
         ("arm", ("--good", "1.4"), "refused", "the good end cannot be tested: 1.4"),
         ("fine", (), "refused", "is not bad: it works"),
-        ("loads", (), "refused", "is not bad: it passes import, all that was asked for"),
+        ("loads", (), "refused", "is not bad: it passes import, all that was requested"),
         ("hopeless", (), "no good end", "no candidate was found that works: 14 of 14 candidates were tried"),
     ],
 )
@@ -283,10 +283,10 @@ def test_flaky_end(desk: Desk, index: str) -> None:
 @pytest.mark.parametrize(
     ("options", "code", "told"),
     [
-        (("--axis", "tool", "--good", "9"), 2, "--good 9: is not among what can be tried here"),
+        (("--axis", "tool", "--good", "9"), 2, "--good 9: cannot be tried here"),
         (("--axis", "nobody"), 2, "'nobody'"),
-        (("--axis", "paint", "--confidence", "2"), 2, "--confidence 2: name a chance between 0.5 and 1"),
-        (("--date", "--good", "2019-01-01"), 2, "--good 2019-01-01: nothing that the cell needs was uploaded by then"),
+        (("--axis", "paint", "--confidence", "2"), 2, "--confidence 2: name a probability between 0.5 and 1"),
+        (("--date", "--good", "2019-01-01"), 2, "--good 2019-01-01: the packages did not exist yet"),
         (("--axis", "tool", "--runs", "2"), 3, "2 runs are used up"),
     ],
 )

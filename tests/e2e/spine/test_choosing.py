@@ -69,4 +69,4 @@ def test_a_changed_strategy_is_chosen_again_on_request(desk: Desk) -> None:
         f'run "simmatrix lock {path} --upgrade"\n',
     )
     assert (upgraded.code, planned.code) == (0, 0), upgraded.err
-    assert planned.out.splitlines()[-1] == "3 cells, 24 combinations left out"
+    assert planned.out.splitlines()[-1] == "3 combinations, 24 left out"

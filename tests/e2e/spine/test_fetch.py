@@ -171,7 +171,7 @@ def test_a_folder_tells_what_it_is_not(
     assert early.code == 2
     assert early.err == (
         f"simmatrix: {folder}/manifest.json: cannot be read: No such file or directory; "
-        f"`simmatrix fetch MATRIX --to {folder}` makes it, and goes on where it was\n"
+        f"`simmatrix fetch MATRIX --to {folder}` writes it, and continues where it stopped\n"
     )
 
     partly = online.run("fetch", matrix, "--to", folder, "-k", "*-unresolvable")
@@ -213,7 +213,8 @@ def test_a_folder_tells_what_it_is_not(
     )
     assert (other_machine.code, other_machine.err) == (
         2,
-        f"simmatrix: {folder}: was fetched for vax, and this machine is {os.uname().machine}; fetch on its like\n",
+        f"simmatrix: {folder}: was fetched for vax, and this machine is {os.uname().machine}; fetch on "
+        "such a machine\n",
     )
 
     grown = online.run("fetch", changed, "--to", folder, "-k", "*-more")

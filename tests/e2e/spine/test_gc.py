@@ -71,5 +71,5 @@ def test_waste_is_deleted_without_limits(desk_with_results: Desk) -> None:
     assert own.run("report", "small").code == 1
     wrong = own.run("gc", "--max-size", "much")
     assert (wrong.code, wrong.err.splitlines()[-1]) == (
-        2, "simmatrix gc: error: argument --max-size: 'much' is not a size such as 20GB or 500MB"
+        2, "simmatrix gc: error: argument --max-size: 'much' is not a size; write one such as 20GB or 500MB"
     )  # fmt: skip

@@ -101,8 +101,8 @@ def test_the_written_matrix_runs(project: Desk) -> None:
 
     again = project.run("init", "--offline", "--install", "simmatrix")
     assert again.out.splitlines() == [
-        "matrices/my-sim.toml: is there already and stays as it is",
-        ".github/workflows/simmatrix.yml: is there already and stays as it is; "
+        "matrices/my-sim.toml: exists already and is kept",
+        ".github/workflows/simmatrix.yml: exists already and is kept; "
         "`simmatrix ci matrices/my-sim.toml --check .github/workflows/simmatrix.yml` compares",
         "next: simmatrix run matrices/my-sim.toml  (1 cell)",
         "later: simmatrix lock matrices/my-sim.toml --upgrade  (newer releases, for a scheduled workflow, too)",
@@ -120,10 +120,10 @@ def test_versions_that_a_workflow_claims_and_never_installs(project: Desk) -> No
     ran = project.run("init", "--from", "ci.yml", "--name", "ci", "--offline", "--install", "simmatrix")
 
     assert ran.code == 3, ran.err
-    (waiting,) = [line for line in ran.out.splitlines() if line.startswith("not found out: ")]
+    (waiting,) = [line for line in ran.out.splitlines() if line.startswith("still open: ")]
     assert "the network was disabled" in waiting
     assert ran.out.splitlines()[-1] == (
-        "next: type `simmatrix init` again without --offline; it keeps what is there, so remove matrices/ci.toml first"
+        "next: run `simmatrix init` again without --offline; it keeps existing files, so remove matrices/ci.toml first"
     )
     assert (
         '# Found in the sources, and not tried.\n[[cases]]\nenv = "Healthy-v0"'
@@ -138,9 +138,9 @@ def test_versions_that_a_workflow_claims_and_never_installs(project: Desk) -> No
         "  python-version 3.99, gym 1.0.0",
         "    installs Python 3.99, ., gymnasium==1.0.0",
         "  include[1] adds no combination: it replaces gym 1.2.3 by 1.0.0 on python-version 3.99",
-        "  1 of 2 combinations claimed and never installed as such",
+        "  1 of 2 combinations claimed but never installed",
     ]
-    assert rest.startswith("noxfile.py: is there already and stays as it is; its cells come with these lines:\n\n")
+    assert rest.startswith("noxfile.py: exists already and is kept; add these lines to it:\n\n")
     assert '    noxface.cells("matrices/ci.toml")\n' in rest
     assert (project.folder / "noxfile.py").read_text() == "import nox\n"
     plan = project.run("plan", "matrices/ci.toml", "--json").document

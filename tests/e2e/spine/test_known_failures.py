@@ -186,7 +186,7 @@ def test_another_cause_than_the_one_expected(measured_folder: Desk) -> None:
     assert ran.code == 1
     assert "not as expected, which was partial in vector by reset: a model of old" in ran.out
     again = measured_folder.run("run", "layers.toml", "--only-failed", **variables)
-    assert "1 cell measured, 0 reused" in again.out
+    assert "1 combination measured, 0 reused" in again.out
     path.write_text(text.replace('signature = "default-renamed"\nreason', 'signature = "default-named"\nreason'))
     wrong = measured_folder.run("run", "layers.toml", **variables)
     assert (wrong.code, wrong.err) == (
@@ -223,7 +223,7 @@ def test_remedies_are_proven_on_demand(measured_folder: Desk) -> None:
     ran = measured_folder.run("run", "layers.toml", "--prove", **variables)
     found = cells(measured_folder)
     assert (ran.code, list(found)) == (0, ["red", "_with-default-renamed"])
-    assert "1 red cell to be run again, each with the remedy of a known failure\n" in ran.err
+    assert "1 failed combination to measure again, each with the fix of a known issue\n" in ran.err
     proof = found["_with-default-renamed"]
     assert (proof["verdict"], proof["as_expected"], proof["base"]) == ("works", None, found["red"]["id"])
     assert found["red"]["diagnoses"][0]["proof"] == proof["id"]
@@ -231,7 +231,7 @@ def test_remedies_are_proven_on_demand(measured_folder: Desk) -> None:
         SIGNATURES.replace(">=3", "==1.0"), encoding="utf-8"
     )
     nothing = measured_folder.run("run", "layers.toml", "--prove", **variables)
-    assert "no remedy of a known failure is left to be tried\n" in nothing.err
+    assert "no fix of a known issue is left to try\n" in nothing.err
     wrong = SIGNATURES.replace("fake-layers>=3", "fake-layers==2.0")
     (measured_folder.folder / "signatures" / "layers.toml").write_text(wrong, encoding="utf-8")
     again = measured_folder.run(

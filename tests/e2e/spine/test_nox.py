@@ -62,7 +62,7 @@ def test_sessions_are_listed_as_they_can_be_selected(nox_desk: Desk) -> None:
         "simmatrix: range.toml: its ranges were never expanded, which asks the index; "
         "run `simmatrix lock range.toml` without --offline",
         "simmatrix: smal.toml: cannot be read: No such file or directory",
-        'simmatrix: quickstrat: not a matrix file (NAME.toml) and not a built-in matrix; did you mean "quickstart"?',
+        'simmatrix: quickstrat: neither a matrix file (NAME.toml) nor a built-in matrix; did you mean "quickstart"?',
     ]
 
     for asked_for in ([small[1]], ["cell(range.toml)"], ["matrix(big/py3.9)"]):
@@ -130,5 +130,5 @@ def test_our_noxfile_needs_nothing_but_nox(nox_desk: Desk) -> None:
     assert (without.code, list_sessions(without.out)) == (0, own)
     assert re.findall(r"^\* (\S+)", without.out, re.MULTILINE) == ["lint", "tests"]
     assert without.err == (
-        "no sessions of cells here (import of msgspec halted; None in sys.modules): uvx --with-editable . nox\n"
+        "simmatrix cannot be imported (import of msgspec halted; None in sys.modules): uvx --with-editable . nox\n"
     )

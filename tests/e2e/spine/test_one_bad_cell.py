@@ -61,7 +61,7 @@ def test_an_unusable_requirement_fails_only_its_own_cell(desk: Desk) -> None:
     cells = ran.cells("which")
     assert (ran.code, cells["good"]["verdict"], cells["blank"]["verdict"]) == (1, "works", "partial")
     assert cells["impossible"]["verdict"] == "unresolvable"
-    assert "uv cannot use what it was given" in cells["impossible"]["decisive"]
+    assert "uv cannot use its input" in cells["impossible"]["decisive"]
 
 
 @pytest.mark.parametrize(("name", "value"), [("PYTHONHOME", "/x"), ("PYTHONMALLOC", "bad")])

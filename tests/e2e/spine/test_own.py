@@ -28,8 +28,8 @@ def test_an_api_that_nothing_tells_has_to_be_named(desk: Desk) -> None:
     """Without gym or gymnasium installed, an id does not tell its API, and the user has to name it."""
     ran = desk.run("try", "fake-plain", "--env", "fake_plain:make", "--python", "host", **_index(desk))
     told = (
-        "simmatrix: --env fake_plain:make: nothing that is asked for brings gym or gymnasium; name one of them, too, "
-        "or what it speaks with --api ("
+        "simmatrix: --env fake_plain:make: no requirement brings gym or gymnasium; add one of them, "
+        "or its API with --api ("
     )
     assert (ran.code, ran.out, ran.err[: len(told)]) == (2, "", told)
     assert "dm_control" in ran.err

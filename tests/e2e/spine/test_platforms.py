@@ -114,7 +114,8 @@ def test_slurm_without_all_that_is_needed(desk: Desk, tmp_path: Path) -> None:
 
     assert (ran.returncode, (tmp_path / "sbatch.log").exists()) == (3, False), ran.stdout + ran.stderr
     assert ran.stderr.splitlines()[-1] == (
-        "nothing was submitted, because some files are missing; run it again to continue, or set INCOMPLETE=1"
+        "nothing was submitted: the download is incomplete; run this again to continue, "
+        "or set INCOMPLETE=1 to submit anyway"
     )
 
 

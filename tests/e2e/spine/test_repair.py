@@ -268,7 +268,7 @@ def test_cell_that_only_imports(desk: Desk, index: str, name: str) -> None:
     assert (ran.code, made["status"], made["remedy"]["change"]) == (0, "found", {"constraints": ["toolbox<2"]})
     assert made["remedy"]["necessary"]
     assert made["remedy"]["sufficient"]
-    assert made["runs"][made["remedy"]["proof"] - 1]["ended"] == "passes import, all that was asked for"
+    assert made["runs"][made["remedy"]["proof"] - 1]["ended"] == "passes import, all that was requested"
 
 
 def test_no_change_is_credited_with_curing_a_flaky_cell(desk: Desk, index: str) -> None:
@@ -290,7 +290,7 @@ def test_bounds(repaired: DeskRun, desk: Desk) -> None:
     """A search that is cut short says so, and names the untried changes."""
     ran = desk.run("repair", f"{repaired.desk.folder / 'market.toml'}/*-hopeless", "--runs", "1", HARNESS_SIGNATURES="")
     assert ran.code == 1
-    assert "stopped short: 1 runs are used up; not tried yet: the index as it stood, " in ran.out
+    assert "stopped early: 1 runs are used up; not tried yet: the index as it stood, " in ran.out
 
 
 def test_as_try_asks(desk: Desk, index: str) -> None:
@@ -310,5 +310,6 @@ def test_without_anything_to_repair(desk: Desk) -> None:
     ran = desk.run("repair")
     assert (ran.code, ran.err) == (
         2,
-        "simmatrix: repair: name a cell, such as 'quickstart/py3.11_*', or requirements, such as 'gym==0.26.2'\n",
+        "simmatrix: repair: name a combination, such as 'quickstart/py3.11_*', or requirements, such as "
+        "'gym==0.26.2'\n",
     )

@@ -36,9 +36,21 @@ cases = [{ env = "fake_pictureless:Pictureless-v0", api = "gymnasium" }]
 @pytest.mark.parametrize(
     ("number", "code", "said"),
     [
-        (signal.SIGINT, 130, "simmatrix: interrupted; finished cells are kept, the same command goes on from there\n"),
-        (signal.SIGTERM, 143, "simmatrix: terminated; finished cells are kept, the same command goes on from there\n"),
-        (signal.SIGHUP, 143, "simmatrix: terminated; finished cells are kept, the same command goes on from there\n"),
+        (
+            signal.SIGINT,
+            130,
+            "simmatrix: interrupted; finished results are kept, and the same command continues from there\n",
+        ),
+        (
+            signal.SIGTERM,
+            143,
+            "simmatrix: terminated; finished results are kept, and the same command continues from there\n",
+        ),
+        (
+            signal.SIGHUP,
+            143,
+            "simmatrix: terminated; finished results are kept, and the same command continues from there\n",
+        ),
         (signal.SIGKILL, -signal.SIGKILL, ""),
     ],
     ids=["SIGINT", "SIGTERM", "SIGHUP", "SIGKILL"],
@@ -174,7 +186,7 @@ def test_a_closed_terminal(desk: Desk) -> None:
 def test_at_the_first_moment(desk: Desk, number: signal.Signals) -> None:
     """A signal during start-up ends the command with its sentence, never with a traceback."""
     matrix = desk.matrix("m", MATRIX)
-    said = "simmatrix: terminated; finished cells are kept, the same command goes on from there\n"
+    said = "simmatrix: terminated; finished results are kept, and the same command continues from there\n"
     ended = []
     for milliseconds in range(20, 140, 15):
         with desk.started("run", matrix, "--json", FAKE_MARK=desk.mark) as process:

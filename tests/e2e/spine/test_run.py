@@ -177,15 +177,15 @@ BAD = {
     ("run", "nowhere.toml"): "nowhere.toml: cannot be read: No such file or directory",
     ("run", "typo.toml"): 'typo.toml: requirments: unknown key; did you mean "requirements"?',
     ("run", "small.toml", "-k", "*mujoco*"): (
-        f"-k *mujoco*: none of the 2 cells matches; one of them is small/py{platform.python_version()}_good"
+        f"-k *mujoco*: none of the 2 combinations matches; one of them is small/py{platform.python_version()}_good"
     ),
     ("run", "quickstrat"): (
-        'quickstrat: not a matrix file (NAME.toml) and not a built-in matrix; did you mean "quickstart"?'
+        'quickstrat: neither a matrix file (NAME.toml) nor a built-in matrix; did you mean "quickstart"?'
     ),
     ("show", "small/nothing"): (
-        "show small/nothing: no cell of this name was measured; `simmatrix known` lists what was measured"
+        "show small/nothing: no combination of this name was measured; `simmatrix known` lists what was measured"
     ),
-    ("report",): "nothing was run here yet: `simmatrix run quickstart` measures, or name a report.json",
+    ("report",): "nothing was measured here yet; run `simmatrix run quickstart`, or name a report.json",
 }
 
 
@@ -205,7 +205,7 @@ def test_bad_input_is_2(desk: Desk, arguments: tuple[str, ...]) -> None:
 def test_a_second_run_has_nothing_to_do(desk_with_results: Desk) -> None:
     """Results are reused, even without the cache and the network, and the run says so."""
     ran = desk_with_results.run("run", "small.toml", "--offline", HARNESS_CACHE=str(desk_with_results.folder / "empty"))
-    assert "nothing to do: all 2 cells were measured before, under the same keys\n" in ran.out
+    assert "nothing to do: all 2 results are reused\n" in ran.out
     assert ran.out.splitlines()[-1] == "report: .harness/reports/small"
     document = json.loads((desk_with_results.state / "reports" / "small" / "report.json").read_text())
     assert [cell["reused"] for cell in document["cells"]] == [True, True]

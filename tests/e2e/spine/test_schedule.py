@@ -219,7 +219,7 @@ def test_only_failed(desk_with_results: Desk) -> None:
     expect = '\n[[expect]]\nwhen = { which = "blank" }\nverdict = "partial"\nreason = "it paints black"\n'
     desk_with_results.matrix("small", SMALL.read_text() + expect)
     ran = desk_with_results.run("run", "small.toml", "--only-failed")
-    assert (ran.code, ran.err) == (0, "nothing failed: no cell was inconclusive or unexpected when it was last run\n")
+    assert (ran.code, ran.err) == (0, "nothing to do: no combination failed or was inconclusive the last time\n")
     assert "nothing was measured\n" in ran.out
 
 
@@ -235,7 +235,7 @@ def test_a_wrong_number_of_jobs_is_refused(desk: Desk) -> None:
     ran = desk.run("run", desk.matrix("small", SMALL.read_text()), "-j", "many")
     assert (ran.code, ran.err.splitlines()[-1]) == (
         2,
-        "simmatrix run: error: argument -j/--jobs: 'many' is not a number of cells at a time, nor auto",
+        "simmatrix run: error: argument -j/--jobs: 'many' is neither a number of at least 1 nor `auto`",
     )
 
 
@@ -267,7 +267,7 @@ def test_an_unchanged_run_writes_nothing(desk_with_results: Desk) -> None:
     before = {path: (path.stat().st_mtime_ns, path.stat().st_ino) for path in files}
     ran = desk_with_results.run("run", "small.toml")
     assert {path: (path.stat().st_mtime_ns, path.stat().st_ino) for path in files} == before
-    assert "nothing to do: all 2 cells were measured before, under the same keys\n" in ran.out
+    assert "nothing to do: all 2 results are reused\n" in ran.out
     (folder / "report.md").write_text("somebody else's\n")
     desk_with_results.run("run", "small.toml")
     assert "## Combinations" in (folder / "report.md").read_text()

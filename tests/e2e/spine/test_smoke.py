@@ -163,7 +163,7 @@ def test_workers_need_no_matrix_and_leave_what_a_run_leaves(desk: Desk) -> None:
     matrix.write_text(text)
     report = (desk.state / "reports" / "small" / "report.json").read_text()
     again = desk.run("run", "small.toml")
-    assert "nothing to do: all 2 cells were measured before, under the same keys\n" in again.out
+    assert "nothing to do: all 2 results are reused\n" in again.out
     volatile = re.compile(r'"(generated|reused)": .*')
     assert volatile.sub("", (desk.state / "reports" / "small" / "report.json").read_text()) == volatile.sub("", report)
 
@@ -313,10 +313,10 @@ def test_inconclusive_items_fail_and_missing_ones_are_skipped(desk: Desk) -> Non
 
 BAD = {
     ("--matrix", "quickstrat"): (
-        'ERROR: quickstrat: not a matrix file (NAME.toml) and not a built-in matrix; did you mean "quickstart"?\n'
+        'ERROR: quickstrat: neither a matrix file (NAME.toml) nor a built-in matrix; did you mean "quickstart"?\n'
     ),
     ("--matrix", "small.toml", "--matrix", "small.toml"): (
-        "ERROR: two of the matrices are called small, and so are their cells; name one of them, or rename one\n"
+        "ERROR: two matrices have the name small; name only one of them, or rename one\n"
     ),
     (): "ERROR: harness.smoke needs a matrix: pytest --matrix NAME (a matrix file, or the name of a built-in one)\n",
 }

@@ -86,7 +86,7 @@ def test_a_file_that_wants_another_python_is_3(desk: Desk) -> None:
     ran = desk.run("try", "-r", project, **_index(desk))
     assert (ran.code, ran.err) == (
         2,
-        "simmatrix: try: no Python is allowed by all that was given: <3,>3; name one with --python\n",
+        "simmatrix: try: no Python version satisfies all requirements: <3,>3; name one with --python\n",
     )
 
 
@@ -96,7 +96,10 @@ def test_an_impossible_python_is_bad_input(desk: Desk) -> None:
     assert (ran.code, ran.out) == (2, "")
     assert ran.err == 'simmatrix: --python: "py311" is not a version; ids name resolved versions only\n'
     ran = desk.run("try", "fake-plain", "--python", "./no/python", **_index(desk))
-    assert (ran.code, ran.err) == (2, "simmatrix: --python ./no/python: there is no Python here that can be run\n")
+    assert (ran.code, ran.err) == (
+        2,
+        "simmatrix: --python ./no/python: no such Python on this machine; name a version such as 3.11, or a path\n",
+    )
 
 
 def test_a_contradiction_is_1(desk: Desk) -> None:

@@ -103,8 +103,8 @@ def test_show_names_a_cell_that_was_not_run(desk_with_results: Desk) -> None:
     """A glob that matches several cells, or none, is bad input; the message names cells."""
     several, none = desk_with_results.run("show", "small/*"), desk_with_results.run("show", "*-odd")
     assert (several.code, none.code) == (2, 2)
-    assert "matches 2 cells; name one of small/py" in several.err
-    assert "no cell of this name was measured" in none.err
+    assert "matches 2 combinations; name one of small/py" in several.err
+    assert "no combination of this name was measured" in none.err
 
 
 def test_mistakes_of_a_run_are_refused_before_it_starts(desk: Desk) -> None:
@@ -120,11 +120,9 @@ def test_mistakes_of_a_run_are_refused_before_it_starts(desk: Desk) -> None:
             "--pivot python whch: takes two axes of one matrix; known here: python, which"
         ),
         ("run", "small.toml", "./small.toml"): (
-            "two of the matrices are called small, and so are their cells; name one of them, or rename one"
+            "two matrices have the name small; name only one of them, or rename one"
         ),
-        ("run", "nothing.toml"): (
-            "there is no cell to work on: every combination is left out; `simmatrix plan` gives the reasons"
-        ),
+        ("run", "nothing.toml"): ("nothing to do: every combination is left out; `simmatrix plan` gives the reasons"),
     }
     for arguments, sentence in mistakes.items():
         ran = desk.run(*arguments)

@@ -148,7 +148,7 @@ def test_an_environment_at_hand(capsys: pytest.CaptureFixture[str], fresh: Path)
     ("text", "message"),
     [
         ("", "requirements.txt: names no package"),
-        ("numpy\ngymnasium=>1\n", "requirements.txt:2: 'gymnasium=>1' is no requirement"),
+        ("numpy\ngymnasium=>1\n", "requirements.txt:2: 'gymnasium=>1' is not a requirement"),
         ("numpy\nmujoco==3.3.77\n", "requirements.txt:2: mujoco 3.3.77: no such release; near it are 3.3.7 and 3.4.0"),
     ],
 )

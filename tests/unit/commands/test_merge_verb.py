@@ -160,7 +160,7 @@ class TestHostileReports:
         assert {str(found) for found in Path().rglob("*") if not str(found).startswith("out")} == before
         assert not [found for found in Path("out").rglob("*") if found.is_file() and found.read_text() == "secret"]
         if path:
-            assert "1 file that the reports name are not next to them" in capsys.readouterr().err
+            assert "1 file that the reports name are missing" in capsys.readouterr().err
 
     def test_nothing_outside_is_swept(self, shards: Path) -> None:
         """Files that an older report in the target names are removed, but none elsewhere, nor the target itself."""
@@ -198,7 +198,7 @@ class TestBadInput:
         for place in ("shards/empty", "nowhere"):
             assert main(["merge", "shards", place]) == 2
             assert capsys.readouterr().err == (
-                f"simmatrix: {place}: no report.json here, nor in the folders below;"
+                f"simmatrix: {place}: no report.json in this folder or below it;"
                 " `simmatrix run MATRIX --out DIR` writes one\n"
             )
 

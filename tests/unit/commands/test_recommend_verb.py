@@ -191,7 +191,7 @@ def test_a_combination_of_a_table_is_marked(capsys: pytest.CaptureFixture[str], 
     assert (code, said.out.splitlines()[0].startswith("pip install 'pettingzoo[classic]==1.25.0' ")) == (0, True)
     assert "  measured by hand on 2026-11-20; its lock was not kept:" in said.out
     assert " fails (2026-11-22, first failing phase only): No module named 'pygame' " in " ".join(said.out.split())
-    assert said.err.endswith("was not kept: no lock was written\n")
+    assert said.err.endswith("was not kept; no lock was written\n")
     assert not (fresh / "lock.txt").exists()
 
 
@@ -321,8 +321,8 @@ def test_every_combination_and_trap_is_shown(capsys: pytest.CaptureFixture[str])
     ("arguments", "message"),
     [
         (["a b"], 'recommend: "a b" is not a requirement: '),
-        (["gym", "gym>1"], 'recommend: "gym" is asked for twice; write `gym>=1,<2`'),
-        (["gym", "--python", "three"], 'recommend: --python "three" is no version such as 3.11'),
+        (["gym", "gym>1"], 'recommend: "gym" is named twice; write `gym>=1,<2`'),
+        (["gym", "--python", "three"], 'recommend: --python "three" is not a version; write one such as 3.11'),
         (["gym; extra == 'a'"], "recommend: \"gym; extra == 'a'\" has a marker; name a package, or `name>=version`"),
     ],
 )
@@ -336,4 +336,4 @@ def test_no_phase_of_this_name(capsys: pytest.CaptureFixture[str]) -> None:
     """An unknown phase is refused, and `--needs` lists the valid ones."""
     with pytest.raises(SystemExit, match="2"):
         main(["recommend", "gym", "--needs", "rendering"])
-    assert "'rendering' is none of import, single, vector, render, interop" in capsys.readouterr().err
+    assert "unknown phase 'rendering'; choose from import, single, vector, render, interop" in capsys.readouterr().err

@@ -113,11 +113,13 @@ class TestReport:
         [
             (
                 ["quik"],
-                'simmatrix: quik: no report.json here, and no matrix of this name was run; did you mean "quick"?\n',
+                "simmatrix: quik: no report.json here, and no matrix of this name was measured; did you "
+                'mean "quick"?\n',
             ),
             (
                 ["matrices/quik.toml"],
-                'simmatrix: quik: no report.json here, and no matrix of this name was run; did you mean "quick"?\n',
+                "simmatrix: quik: no report.json here, and no matrix of this name was measured; did you "
+                'mean "quick"?\n',
             ),
             (
                 ["quick", "--pivot", "python", "mujico"],
@@ -141,7 +143,7 @@ class TestReport:
 
         assert main(["report"]) == 2
         assert capsys.readouterr().err == (
-            "simmatrix: nothing was run here yet: `simmatrix run quickstart` measures, or name a report.json\n"
+            "simmatrix: nothing was measured here yet; run `simmatrix run quickstart`, or name a report.json\n"
         )
 
 
@@ -205,12 +207,12 @@ class TestShow:
         [
             (
                 "*mujoco2.3.7",
-                "simmatrix: show *mujoco2.3.7: matches 2 cells; name one of"
+                "simmatrix: show *mujoco2.3.7: matches 2 combinations; name one of"
                 " quick/py3.11_gymnasium-1.2.3_mujoco-2.3.7, quick/py3.9_gymnasium-0.29.1_mujoco-2.3.7\n",
             ),
             (
                 "quick/py3.11_gymnasium-1.2.3_mujoco-2.3.8",
-                "simmatrix: show quick/py3.11_gymnasium-1.2.3_mujoco-2.3.8: no cell of this name was measured;"
+                "simmatrix: show quick/py3.11_gymnasium-1.2.3_mujoco-2.3.8: no combination of this name was measured;"
                 " did you mean quick/py3.11_gymnasium-1.2.3_mujoco-2.3.7?\n",
             ),
         ],

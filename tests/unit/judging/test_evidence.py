@@ -207,7 +207,7 @@ def test_signatures_come_from_the_named_folder(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setenv(signature_files.VARIABLE, "")
     assert shipped_signatures.load_all() == ()
     monkeypatch.setenv(signature_files.VARIABLE, str(tmp_path / "gone"))
-    with pytest.raises(BadInput, match="is no folder; HARNESS_SIGNATURES names the folder of the signatures"):
+    with pytest.raises(BadInput, match="is not a folder; HARNESS_SIGNATURES names the folder of the signatures"):
         shipped_signatures.load_all()
 
 

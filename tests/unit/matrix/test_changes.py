@@ -158,7 +158,7 @@ def signature_with_remedy(name: str, **remedy: Any) -> Signature:
 
 
 class TestRemedies:
-    """Changes that are the remedy of a known failure."""
+    """Changes that are the fix of a known issue."""
 
     def test_it_does_what_the_remedy_says(self) -> None:
         """The change applies every part of the remedy, and has the words of the signature."""

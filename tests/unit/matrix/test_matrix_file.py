@@ -220,11 +220,11 @@ MISTAKES: dict[str, tuple[str, str]] = {
     ),
     "picture-never-looked-at": (
         AXES + CASE + 'checks = ["single"]\npicture = { above = "#ff0000", below = "#0000ff" }',
-        'demo.toml: cases[0].picture: is never looked at, since "checks" leaves "render" out',
+        'demo.toml: cases[0].picture: has no effect, since "checks" leaves "render" out',
     ),
     "required-of-a-check-that-is-not-run": (
         AXES + CASE + 'required = ["vector.autoreset"]',
-        'demo.toml: cases[0].required[0]: "vector.autoreset" is never looked at, since "checks" leaves it out',
+        'demo.toml: cases[0].required[0]: "vector.autoreset" has no effect, since "checks" leaves it out',
     ),
     "two-apis": (
         AXES + '[[cases]]\nenv = "gym:x"\napi = "gymnasium"',
@@ -248,7 +248,7 @@ MISTAKES: dict[str, tuple[str, str]] = {
     ),
     "required-never-looked-at": (
         AXES + CASE + 'checks = ["render"]\nrequired = ["single.space"]',
-        'demo.toml: cases[0].required[0]: "single.space" is never looked at, since "checks" leaves its phase out',
+        'demo.toml: cases[0].required[0]: "single.space" has no effect, since "checks" leaves its phase out',
     ),
     "module": (
         AXES + CASE + 'imports = ["dm-control"]',

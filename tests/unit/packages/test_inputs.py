@@ -118,8 +118,8 @@ cart @ file:dist/cart-1.0-py3-none-any.whl
     @pytest.mark.parametrize(
         ("line", "sentence"),
         [
-            ("-e .", "-e .: editable installs are not modelled"),
-            ("--editable=git+https://x.test/y", "-e git+https://x.test/y: editable installs are not modelled"),
+            ("-e .", "-e .: editable installs are not supported"),
+            ("--editable=git+https://x.test/y", "-e git+https://x.test/y: editable installs are not supported"),
             (
                 "git+https://x.test/y@main#egg=y",
                 "git+https://x.test/y@main#egg=y: "
@@ -134,10 +134,10 @@ cart @ file:dist/cart-1.0-py3-none-any.whl
                 "https://x.test/main.zip",
                 "https://x.test/main.zip: the address does not say which package it is; write NAME @ ADDRESS",
             ),
-            ("--no-binary numpy", "--no-binary numpy: this option is not modelled"),
-            ("--prefer-binary", "--prefer-binary: this option is not modelled"),
-            ("--trusted-host x.test", "--trusted-host x.test: this option is not modelled"),
-            ("-r https://x.test/more.txt", "https://x.test/more.txt: a file on the network is not modelled"),
+            ("--no-binary numpy", "--no-binary numpy: this option is not supported"),
+            ("--prefer-binary", "--prefer-binary: this option is not supported"),
+            ("--trusted-host x.test", "--trusted-host x.test: this option is not supported"),
+            ("-r https://x.test/more.txt", "https://x.test/more.txt: a file on the network is not supported"),
         ],
     )
     def test_lines_that_are_not_modelled_are_named(self, line: str, sentence: str) -> None:
@@ -153,14 +153,14 @@ cart @ file:dist/cart-1.0-py3-none-any.whl
         found = read([path])
 
         assert found.requirements == ("numpy==2.2.6",)
-        assert found.not_modelled == ('requirements.txt:1: --config-settings="a=b": this option is not modelled',)
+        assert found.not_modelled == ('requirements.txt:1: --config-settings="a=b": this option is not supported',)
 
     @pytest.mark.parametrize(
         ("text", "message"),
         [
             (
                 "numpy\nopencv-python (>=3.)",
-                "requirements.txt:2: 'opencv-python (>=3.)' is no requirement: "
+                "requirements.txt:2: 'opencv-python (>=3.)' is not a requirement: "
                 "Expected matching RIGHT_PARENTHESIS for LEFT_PARENTHESIS, after version specifier",
             ),
             ("-r 'x", "requirements.txt:1: '-r 'x' cannot be read: No closing quotation"),
@@ -228,9 +228,9 @@ class TestPyproject:
             index=IndexSettings(extra=("https://x.test/simple",)),
             python="<3.13,>=3.9",
             not_modelled=(
-                "pyproject.toml:28: tool.uv.sources.gymnasium: sources are not modelled; "
+                "pyproject.toml:28: tool.uv.sources.gymnasium: sources are not supported; "
                 "gymnasium is taken from the indexes",
-                "pyproject.toml:25: https://t.test/cpu: an explicit index is not modelled",
+                "pyproject.toml:25: https://t.test/cpu: an explicit index is not supported",
             ),
         )
 
@@ -242,7 +242,7 @@ class TestPyproject:
         )
 
     def test_requirements_known_only_by_a_build_are_named(self) -> None:
-        """Dynamic dependencies and Poetry's own table are not modelled."""
+        """Dynamic dependencies and Poetry's own table are not supported."""
         path = put(
             "pyproject.toml",
             '[project]\ndynamic = ["version",\n\n  "dependencies"]\n[tool.poetry.dependencies]\nnumpy = "^2"\n',
@@ -250,7 +250,7 @@ class TestPyproject:
 
         assert read([path]).not_modelled == (
             "pyproject.toml:4: dependencies is dynamic: only a build of the project tells it",
-            "pyproject.toml:5: tool.poetry.dependencies: Poetry's own format is not modelled; export requirements.txt",
+            "pyproject.toml:5: tool.poetry.dependencies: Poetry's own format is not supported; export requirements.txt",
         )
 
     @pytest.mark.parametrize(
@@ -273,7 +273,7 @@ class TestPyproject:
             (
                 "[project]\ndependencies = [\n'numpy',\n'gym ==']",
                 [],
-                "pyproject.toml:4: 'gym ==' is no requirement: "
+                "pyproject.toml:4: 'gym ==' is not a requirement: "
                 "Expected semicolon (after name with no version specifier) or end",
             ),
             (
@@ -448,10 +448,10 @@ variables:
             index=IndexSettings(extra=("https://x.test/simple",)),
             python="==3.10.*",
             not_modelled=(
-                "environment.yml:15: variables are not modelled; give them with --set",
-                "environment.yml:7: gymnasium=0.29.1: conda packages are not modelled",
-                "environment.yml:8: conda-forge::numpy >=1.26: conda packages are not modelled",
-                "environment.yml:13: -e .: editable installs are not modelled",
+                "environment.yml:15: variables are not supported; give them with --set",
+                "environment.yml:7: gymnasium=0.29.1: conda packages are not supported",
+                "environment.yml:8: conda-forge::numpy >=1.26: conda packages are not supported",
+                "environment.yml:13: -e .: editable installs are not supported",
             ),
         )
 
@@ -476,7 +476,7 @@ variables:
     def test_another_way_of_naming_a_python_is_named(self) -> None:
         """Alternatives are beyond a specifier."""
         assert read([put("environment.yml", "dependencies:\n- python=3.9|3.10\n")]).not_modelled == (
-            "environment.yml:2: python=3.9|3.10: this way of naming a Python is not modelled; give --python",
+            "environment.yml:2: python=3.9|3.10: this way of naming a Python is not supported; give --python",
         )
 
     @pytest.mark.parametrize(
@@ -484,7 +484,7 @@ variables:
         [
             ("dependencies: [a", "env.yml:1: expected ',' or ']', but got '<stream end>'"),
             ("name: x", "env.yml: there is no list of dependencies; is it a conda environment file?"),
-            ("dependencies:\n- pip:\n  - 'gym =='", "env.yml:3: 'gym ==' is no requirement: {}"),
+            ("dependencies:\n- pip:\n  - 'gym =='", "env.yml:3: 'gym ==' is not a requirement: {}"),
         ],
     )
     def test_bad_environments_are_refused(self, text: str, message: str) -> None:
@@ -514,7 +514,7 @@ class TestFiles:
             (
                 "setup.py",
                 b"",
-                "setup.py: this format is not read; "
+                "setup.py: unknown format; "
                 "give requirements.txt, pyproject.toml, uv.lock, pylock.toml or environment.yml",
             ),
             ("requirements.txt", b"\xff\xfe", "requirements.txt: is not UTF-8 text"),

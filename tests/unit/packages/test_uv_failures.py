@@ -248,7 +248,7 @@ OLDER = """\
             Phase.INSTALL,
             Phase.INSTALL,
             Outcome.INFRA,
-            "uv failed in a way that is not known: something new",
+            "uv failed for an unknown reason: something new",
             id="unknown",
         ),
     ],
@@ -440,7 +440,7 @@ def test_bad_input(text: str, told: str) -> None:
     with pytest.raises(BadInput) as raised:
         uv_failures.failure(text, Phase.RESOLVE)
 
-    assert str(raised.value) == f"uv cannot use what it was given: {told}; correct the requirement or setting"
+    assert str(raised.value) == f"uv cannot use its input: {told}; correct the requirement or setting"
 
 
 def test_met_source() -> None:

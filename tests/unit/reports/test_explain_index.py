@@ -70,5 +70,5 @@ def test_a_changed_signature_makes_another_file(cache: Path, tmp_path: Path, mon
 def test_a_folder_that_is_not_there_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The user named it, so that nothing is not an answer."""
     monkeypatch.setenv("HARNESS_SIGNATURES", str(tmp_path / "none"))
-    with pytest.raises(BadInput, match="is no folder"):
+    with pytest.raises(BadInput, match="is not a folder"):
         explain_index.load_signatures()

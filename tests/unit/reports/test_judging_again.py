@@ -179,7 +179,7 @@ def test_a_report_without_evidence_cannot_be_judged_again(
 
     assert main(["report", "--judge-again", str(folder)]) == 3
     assert capsys.readouterr().err.splitlines() == [
-        "report: its evidence does not lie next to it; not judged again: packed/py3.11_gymnasium-1.0.0, "
+        "report: its evidence is missing; not judged again: packed/py3.11_gymnasium-1.0.0, "
         "packed/py3.11_gymnasium-1.1.0, packed/py3.11_gymnasium-1.2.0",
         "0 reports judged again, none altered",
     ]

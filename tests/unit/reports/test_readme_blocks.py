@@ -61,7 +61,7 @@ def test_a_file_without_a_block(tmp_path: Path) -> None:
     with pytest.raises(BadInput) as refused:
         readme_blocks.renew(page, stand_in_report)
 
-    told = "has no table to make again: `<!-- simmatrix report SOURCE -->`, below it `<!-- end -->`"
+    told = "has no table to update: `<!-- simmatrix report SOURCE -->`, below it `<!-- end -->`"
     assert str(refused.value) == f"{page}: {told}"
 
 

@@ -190,7 +190,7 @@ def test_a_cell_that_is_not_red_is_refused(
 
     assert main(["show", "quick/*", "--issue"]) == 2
     said = capsys.readouterr().err
-    assert said == f"simmatrix: show {made.cell.id} --issue: it is {verdict}: there is nothing to report to anybody\n"
+    assert said == f"simmatrix: show {made.cell.id} --issue: it is {verdict}: there is nothing to report\n"
 
 
 # --- the script ------------------------------------------------------------------------------------------------

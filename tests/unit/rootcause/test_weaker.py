@@ -25,7 +25,7 @@ def trial(*cases: CaseRecord, **more: object) -> Trial:
 @pytest.mark.parametrize(
     ("before", "after", "why"),
     [
-        pytest.param("pfnn", "pppp", None, id="all that was asked for"),
+        pytest.param("pfnn", "pppp", None, id="all that was requested"),
         pytest.param(
             "ppfp", "ppsp", "vector.sync of ant was failed before and is skipped now", id="what failed is left out"
         ),

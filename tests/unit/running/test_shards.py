@@ -95,8 +95,8 @@ def test_the_split_depends_on_values_only() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("2", "'2' is no shard; write I/N, which one of how many, as in 2/4"),
-        ("a/b", "'a/b' is no shard; write I/N, which one of how many, as in 2/4"),
+        ("2", "'2' is not a shard; write I/N, such as 2/4 for the second of four"),
+        ("a/b", "'a/b' is not a shard; write I/N, such as 2/4 for the second of four"),
         ("0/4", "'0/4': there is no shard 0 of 4; they are counted from 1"),
         ("5/4", "'5/4': there is no shard 5 of 4; they are counted from 1"),
         ("1/0", "'1/0': there is no shard 1 of 0; they are counted from 1"),

@@ -62,14 +62,14 @@ def test_nothing_to_look_at(tmp_path: Path) -> None:
         return str(refusal.value).replace(str(tmp_path), "")
 
     hint = "name an interpreter or the folder of an environment with --python PATH"
-    assert refused("empty") == f"--python empty: no Python lies in that folder; {hint}"
+    assert refused("empty") == f"--python empty: that folder holds no Python; {hint}"
     assert refused("text") == f"--python text: this file cannot be run; {hint}"
     assert refused("gone") == f"--python gone: there is no such file or folder; {hint}"
     assert refused("moved") == (
         "--python moved: its Python was /usr/local/python-that-was, which is gone; create the environment again"
     )
     assert refused(None) == (
-        f"there is no Python here: no environment is active, ./.venv is none, and PATH has none; {hint}"
+        f"there is no Python here: no environment is active, there is no ./.venv, and PATH has no Python; {hint}"
     )
 
 

@@ -220,7 +220,7 @@ def test_differences_in_sentences() -> None:
 
     assert texts(found) == [
         "warning: with MUJOCO_GL=off! `import mujoco` fails: RuntimeError: no; without, it works",
-        "note: set here, and no import was seen to be changed by it: LD_LIBRARY_PATH=/x",
+        "note: set here, without effect on any import that was tried: LD_LIBRARY_PATH=/x",
     ]
 
 

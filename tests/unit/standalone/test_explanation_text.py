@@ -87,9 +87,9 @@ def test_a_package_that_is_there_is_upgraded() -> None:
 def test_nothing_failed() -> None:
     """The last line is shown, and how to catch what does."""
     assert explanation_lines("Episode 1\nall done\n", Place(), wings_signature(REMEDY)) == [
-        "no failure: nothing in this text says that anything failed",
+        "no failure: no line of this text reports a failure",
         "last line: all done",
-        "next:      simmatrix explain -- COMMAND, which keeps all that a command writes",
+        "next:      simmatrix explain -- COMMAND, which keeps the complete output",
     ]
 
 

@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from harness.standalone.wrapping import width, wrap_lines
+from harness.standalone.wrapping import width, wrap, wrap_lines
 
 COMMAND = "next:      python -m pip install " + " ".join(f"package-{number}==1.0" for number in range(12))
 SENTENCE = "cause:     " + " ".join(f"word-{number}" for number in range(30))
@@ -33,3 +33,19 @@ def test_a_file_is_not_wrapped(monkeypatch: pytest.MonkeyPatch) -> None:
     assert list(wrap_lines([SENTENCE], None)) == [SENTENCE]
     monkeypatch.setenv("COLUMNS", "72")
     assert width(io.StringIO()) == 72
+
+
+def test_a_command_in_backquotes_stays_whole() -> None:
+    """It is copied: the break comes before it, though it does not fill the line then."""
+    text = "no results on this machine; run `simmatrix run quickstart -j auto` first, or name a report"
+
+    assert wrap(text, 50) == [
+        "no results on this machine; run",
+        "  `simmatrix run quickstart -j auto` first, or",
+        "  name a report",
+    ]
+
+
+def test_an_empty_line_stays() -> None:
+    """It parts two paragraphs."""
+    assert wrap("", 40) == [""]
