@@ -40,6 +40,7 @@ HELP_OF_VERBS = {
     "explain": VerbHelp(
         {0: "the cause, or the most likely causes, are printed", 1: "no known cause, or no failure in the text"},
         (
+            Example("Explain one line", "simmatrix explain \"ModuleNotFoundError: No module named 'mujoco_py'\""),
             Example("Run a script, and explain its failure", "simmatrix explain -- python train.py", "train.py"),
             Example("Explain a log for the environment that wrote it", "simmatrix explain train.log --python .venv",
                     "train.log, .venv"),

@@ -56,7 +56,8 @@ def _describe_remedy(document: RepairDocument, remedy: RemedyEntry) -> Iterator[
         if part.without is None:
             yield f"necessary: not shown for {does}"
         else:
-            yield f"necessary: without {does} it fails (run {part.without}: {_ended(document.runs[part.without - 1])})"
+            ended = _ended(document.runs[part.without - 1])
+            yield f"necessary: it fails without the step: {does} (run {part.without}: {ended})"
     proof = document.runs[remedy.proof - 1]
     if remedy.sufficient:
         open_ends = f", not verified: {', '.join(remedy.unverified)}" if remedy.unverified else ""

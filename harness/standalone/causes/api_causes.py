@@ -43,7 +43,7 @@ SHORTEST = 5
 """Characters of a name that no line of a user's own has by accident."""
 
 STANDARD = {
-    "distutils": ("setuptools", "Python 3.12 removed `distutils`; setuptools brings a copy of it"),
+    "distutils": ("setuptools", "Python 3.12 removed `distutils`; setuptools contains a copy of it"),
     "pkg_resources": ("setuptools<82", "`pkg_resources` is part of setuptools before 82, and new environments lack it"),
     "setuptools": ("setuptools", "setuptools is not installed: environments of Python 3.12 and newer lack it"),
     "cmake": ("", "the script `cmake` here belongs to a Python package, which an isolated build does not see"),
@@ -64,8 +64,8 @@ ELSEWHERE = {
     "habitat_sim": ("habitat-sim", "Type `conda install -c conda-forge -c aihabitat habitat-sim headless`."),
     "isaacgym": ("Isaac Gym", "Download Preview 4 from NVIDIA's site, and type `pip install -e isaacgym/python`."),
     "moveit_commander": ("ROS", "Install MoveIt, source its setup.bash, and run the Python that it was built for."),
-    "pyflex": ("PyFleX", "Compile it as SoftGym says; the package pyflex of the index is another one."),
-    "pytorch3d": ("PyTorch3D", "Build it, or take a wheel for your torch and Python, as its INSTALL.md says."),
+    "pyflex": ("PyFleX", "Compile it as SoftGym explains; the package pyflex of the index is a different one."),
+    "pytorch3d": ("PyTorch3D", "Build it, or install a wheel for your torch and Python; its INSTALL.md explains how."),
     "rclpy": ("ROS 2", "Install ROS 2, source its setup.bash, and run the Python that it was built for."),
     "rospy": ("ROS", "Install ROS, source its setup.bash, and run the Python that it was built for."),
 }
@@ -77,7 +77,7 @@ TENSORFLOW_1 = frozenset(
 )
 """Names that TensorFlow 2 does not have at the top any more (its guide to migration)."""
 
-UPDATE = "Or take a newer release of the package that imports it."
+UPDATE = "Or install a newer release of the package that imports it."
 OTHER_REMEDIES: Dict[str, Dict[str, Any]] = {
     "cmake": {
         "text": "Install the system's own: `apt-get install cmake` (or by conda), and remove the script from PATH."
@@ -85,7 +85,7 @@ OTHER_REMEDIES: Dict[str, Dict[str, Any]] = {
     "swig": {
         "text": "Install the system's own: `apt-get install swig` (or by conda), and remove the script from PATH."
     },
-    "_tkinter": {"text": "Install it: `apt-get install python3-tk`, or take a Python of conda or python.org."},
+    "_tkinter": {"text": "Install it: `apt-get install python3-tk`, or use a Python from conda or python.org."},
 }
 
 FORWARDING = "1.0"
@@ -234,8 +234,8 @@ def entry_points(line: str, scene: Scene) -> Causes:
     """Yield the cause that entry points are no dictionary any more."""
     match = MEMBER.search(line)
     if match and match.groups() == ("EntryPoints", "get"):
-        text = "entry points are no dictionary any more: in importlib-metadata since 5.0, and in Python since 3.12"
-        way = "With Python 3.12 take a newer release of the package that asks, or Python 3.11."
+        text = "entry points are no longer a dictionary since importlib-metadata 5.0 and Python 3.12"
+        way = "On Python 3.12 install a newer release of the package that reads them, or use Python 3.11."
         yield Cause("importlib-metadata", text, requirement_remedy("importlib-metadata<5", way))
 
 
@@ -292,7 +292,7 @@ def misplaced(line: str, scene: Scene) -> Causes:
     spans = [each for key, each in history.plain.get("schema", {}).items() if name and key.endswith("/{}".format(name))]
     having = {place for each in spans for first, last in each for place in range(first, last + 1)}
     if having >= set(history.ran) and having:
-        text = "every release of MuJoCo knows the element `{}`: it stands where the schema does not allow it".format(
+        text = "every MuJoCo release has the element `{}`; here it is in a place that the schema does not allow".format(
             name
         )
         way = "Move it: a file with whole sections (compiler, asset, worldbody) is included at the top, not in a body."
@@ -319,7 +319,9 @@ def absent(line: str, scene: Scene) -> Causes:
         yield Cause(name, "the module `{}` is part of {}, which no package index has".format(top, name), {"text": way})
     elif module.startswith("omni.isaac.orbit"):
         text = "Orbit is called Isaac Lab now: its modules became omni.isaac.lab, and `isaaclab` with Isaac Lab 2.0"
-        yield Cause("isaaclab", text, {"text": "Take the Orbit that the program was written for, or the new names."})
+        yield Cause(
+            "isaaclab", text, {"text": "Use the Orbit release that the program was written for, or the new names."}
+        )
     elif "." not in module and package_with(module):
         name = str(package_with(module))
         yield Cause(
@@ -394,4 +396,4 @@ def _asker(scene: Scene, package: str) -> str:
     """Return who asks for it, if it is another package."""
     asking = scene.modules[0] if scene.modules else ""
     history = scene.history_with(asking) if asking else None
-    return "; `{}` asks for it".format(asking) if asking and (history is None or history.package != package) else ""
+    return "; `{}` requires it".format(asking) if asking and (history is None or history.package != package) else ""

@@ -22,20 +22,20 @@ UNSUPPORTED = Pattern(r"(\w+) (\d[\d.]*\d) may not yet support Python", "may not
 ERROR_ONLY = re.compile(r"\.\.\. error|did not run successfully|[Ff]ail|[Cc]ould not|Encountered error")
 REPLACED: Dict[str, Tuple[str, Dict[str, Any]]] = {
     "atari-py": ("ale-py replaces it, with wheels", {"requirements": ["ale-py"], "uninstall": ["atari-py"]}),
-    "box2d-py": ("the package `box2d` brings the same module, with wheels", {"requirements": ["box2d"]}),
-    "box2d-kengz": ("the package `box2d` brings the same module, with wheels", {"requirements": ["box2d"]}),
+    "box2d-py": ("the package `box2d` has the same module, and wheels", {"requirements": ["box2d"]}),
+    "box2d-kengz": ("the package `box2d` has the same module, and wheels", {"requirements": ["box2d"]}),
     "mujoco-py": (
-        "its build needs the files of MuJoCo 2.1, a C compiler and GL headers; the package `mujoco` replaces it",
+        "its build needs MuJoCo (1.50, 2.0 or 2.1, by its release), a C compiler and GL headers; `mujoco` replaces it",
         {"requirements": ["mujoco"], "text": "Ids of gymnasium that end in -v4 and -v5 use it."},
     ),
     "gym": ("gymnasium replaces it", {"build_constraints": ["setuptools<66", "wheel<0.40"], "requirements": ["gym"]}),
     "pybullet": (
-        "it needs a C++ compiler and minutes; conda-forge has it built",
-        {"text": "Type `conda install -c conda-forge pybullet`, or take a Python that it has a wheel for."},
+        "it needs a C++ compiler and several minutes; conda-forge has a built package",
+        {"text": "Type `conda install -c conda-forge pybullet`, or use a Python for which it has a wheel."},
     ),
     "egl-probe": (
-        "CMake 4 refuses its CMakeLists.txt",
-        {"requirements": ["cmake<4"], "text": "Or `hf-egl-probe` in its place."},
+        "CMake 4 rejects its CMakeLists.txt",
+        {"requirements": ["cmake<4"], "text": "Or install `hf-egl-probe` instead."},
     ),
     "evdev": (
         "it needs the headers of the Linux kernel",
@@ -57,37 +57,37 @@ HINTS = (
     (
         Pattern(r"noexcept|Cannot assign type '.*' to '.*nogil|_cython_\d.*PerformanceHint|legacy_implicit_noexcept",
                 "noexcept", "Cannot assign type"),
-        "cython", "the code was written for Cython 0.29, and Cython 3 refuses it",
+        "cython", "the code was written for Cython 0.29, and Cython 3 rejects it",
         {"build_constraints": ["cython<3"], "requirements": ["cython<3"]},
     ),
     (
         Pattern(r"CompileError: \S*mujoco_py[/\\]cymj\.pyx", "cymj.pyx"),
-        "cython", "mujoco-py was written for Cython 0.29, and Cython 3 refuses it",
+        "cython", "mujoco-py was written for Cython 0.29, and Cython 3 rejects it",
         {"requirements": ["cython<3"], "text": "New code does not need mujoco-py: `pip install mujoco`."},
     ),
     (
         Pattern(r"'python_requires' must be a string containing valid version specifiers", "'python_requires' must"),
-        "setuptools", "setuptools 67 and newer refuse the `python_requires` of this setup.py",
+        "setuptools", "setuptools 67 and newer reject the `python_requires` of this setup.py",
         {"build_constraints": ["setuptools<67"], "requirements": ["setuptools<67"]},
     ),
     (
         Pattern(r"Compatibility with CMake < 3\.5 has been removed", "Compatibility with CMake"),
-        "cmake", "CMake 4 refuses projects that ask for a CMake older than 3.5",
+        "cmake", "CMake 4 rejects projects that require a CMake older than 3.5",
         {"requirements": ["cmake<4"], "text": "Or type `export CMAKE_POLICY_VERSION_MINIMUM=3.5`."},
     ),
     (
         Pattern(r"use_2to3 is invalid", "use_2to3"),
-        "setuptools", "setuptools 58 removed `use_2to3`, which this package's setup.py asks for",
+        "setuptools", "setuptools 58 removed `use_2to3`, which this package's setup.py uses",
         {"build_constraints": ["setuptools<58"], "requirements": ["setuptools<58"]},
     ),
     (
         Pattern(r"module 'pkgutil' has no attribute 'ImpImporter'", "ImpImporter"),
         "setuptools", "Python 3.12 removed `pkgutil.ImpImporter`, which setuptools before 66.1 uses",
-        {"requirements": ["setuptools>=66.1"], "text": "If an old package pins setuptools, take Python 3.11."},
+        {"requirements": ["setuptools>=66.1"], "text": "If an old package pins setuptools, use Python 3.11."},
     ),
     (
         Pattern(r"requires? compiler and library support for the ISO C\+\+ (?:20)?\d\d", "ISO C++"),
-        "compiler", "the compiler here is older than the C++ of the sources, or does not turn it on by itself",
+        "compiler", "the compiler here is older than the C++ of the sources, or does not enable it by default",
         {"environment": {"CXXFLAGS": "-std=c++14"}, "text": "Or install a newer g++."},
     ),
     (
@@ -98,8 +98,8 @@ HINTS = (
         Pattern(r"longintrepr\.h: No such file|'PyThreadState' .*has no member named '(?:curexc|exc_)"
                 r"|has no member named 'ob_digit'|'PyFrameObject'.* has no member|_PyUnicode_\w+' was not declared",
                 "longintrepr", "has no member", "_PyUnicode"),
-        "python", "the C code was made by an older Cython, and this Python is newer than it knows",
-        {"text": "Take a newer release of the package, or an older Python (3.10 has longintrepr.h)."},
+        "python", "an older Cython generated the C code, which does not fit this newer Python",
+        {"text": "Install a newer release of the package, or an older Python (3.10 has longintrepr.h)."},
     ),
     (
         Pattern(r"'?cython_sources'?", "cython_sources"),
@@ -108,22 +108,22 @@ HINTS = (
     (
         Pattern(r"Microsoft Visual C\+\+ 14\.0 or greater is required", "Microsoft Visual C++"),
         "visual-c++", "the package has no wheel for this Python on Windows, and its build needs Microsoft's compiler",
-        {"text": "Take a Python that it has a wheel for, or install the Build Tools for Visual Studio (C++)."},
+        {"text": "Use a Python for which it has a wheel, or install the Build Tools for Visual Studio (C++)."},
     ),
     (
         Pattern(r"unable to execute '[/\\]\S*(?:clang|gcc|g\+\+|cc)(?:-\d+)?'|error: command '/\S*(?:clang|gcc|g\+\+)'"
                 r" failed: No such file", "unable to execute '/", "error: command '/"),
-        "compiler", "the variable CC (or CXX), or the Python's own settings, name a compiler that is not there",
+        "compiler", "the variable CC (or CXX), or the Python's own settings, name a compiler that is not installed",
         {"environment": {"CC": "", "CXX": ""}, "text": "Or install that compiler."},
     ),
     (
         Pattern(r"opencv-python>=3\.(?=[\s;'\"]|$)", "opencv-python>=3."),
-        "gym", "gym 0.18 to 0.21 carry the requirement `opencv-python>=3.`, which newer installers refuse",
+        "gym", "gym 0.18 to 0.21 contain the invalid requirement `opencv-python>=3.`, which newer installers reject",
         {"build_constraints": ["setuptools<66", "wheel<0.40"], "text": "Use pip<24.1 for it, or a newer gym."},
     ),
     (
         Pattern(r"'?extras_require'? must be a dictionary", "extras_require"),
-        "setuptools", "setuptools 67 refuses the `extras_require` of gym 0.21 and its kin",
+        "setuptools", "setuptools 67 rejects the `extras_require` of gym 0.21 and similar packages",
         {"build_constraints": ["setuptools<66", "wheel<0.40"], "requirements": ["setuptools<66"]},
     ),
 )  # fmt: skip

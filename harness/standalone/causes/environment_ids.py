@@ -128,7 +128,7 @@ def causes(line: str, scene: Scene) -> Causes:
 def _misspelt(name: str, near: str, package: str) -> Cause:
     """Return the cause that a package is there, and registers other ids than this."""
     text = "{} is loaded and registers no `{}`; `{}` is the nearest id that it has".format(package, name, near)
-    way = "Ask for an id that is registered: `print(gymnasium.registry.keys())` lists them."
+    way = "Use a registered id: `print(gymnasium.registry.keys())` lists them."
     if name.startswith("ALE/") and re.search(r"NoFrameskip|Deterministic|-ram", name):
         way = "Ids that end in NoFrameskip-v4 have no namespace: leave `ALE/` out. Those with it end in -v5."
     return Cause("environment-id", text, {"text": way})
@@ -142,10 +142,10 @@ def _older(name: str, valid: str) -> Causes:
         return
     if name.startswith("ALE/"):
         text = "the namespace ALE came with gym 0.20 and ale-py 0.7; the installed gym is older"
-        yield Cause("gym", text, {"requirements": ["gym>=0.20"], "text": "Or ask for an id without `ALE/`."})
+        yield Cause("gym", text, {"requirements": ["gym>=0.20"], "text": "Or use an id without `ALE/`."})
     elif int(wanted.group(1)) > max(versions):
         text = "the installed release registers older versions of `{}` only: {}".format(name, valid)
-        yield Cause("environment-id", text, {"text": "Upgrade the package that registers it, or ask for one of these."})
+        yield Cause("environment-id", text, {"text": "Upgrade the package that registers it, or use one of these ids."})
 
 
 def _named(line: str) -> Tuple[str, str]:
@@ -196,7 +196,7 @@ def _unregistered(name: str, package: str, module: str, scene: Scene) -> Cause:
     if package == "myosuite" and re.search(r"\bgym\.error", scene.failure.text):
         return Cause(
             package,
-            "myosuite since {} registers its environments with gymnasium, and gym was asked for one".format(MYOSUITE),
+            "myosuite since {} registers its environments with gymnasium, but the program uses gym".format(MYOSUITE),
             {"requirements": ["myosuite<{}".format(MYOSUITE)], "text": "Or move the program to gymnasium."},
         )
     text = "the environment `{}` is registered by the package {} when `{}` is imported, and it was not".format(
@@ -230,7 +230,7 @@ def _roms(scene: Scene) -> Cause:
     if scene.speaks_of("atari-py", "atari_py") or "ROM is missing for" in scene.failure.text:
         return Cause(
             "atari-roms",
-            "atari-py ships no ROMs any more, and does not find those of this game",
+            "atari-py no longer includes ROMs, and does not find the ROM of this game",
             {
                 "text": "Type `pip install autorom[accept-rom-license]; AutoROM`, then"
                 " `python -m atari_py.import_roms FOLDER`."
@@ -238,9 +238,9 @@ def _roms(scene: Scene) -> Cause:
         )
     return Cause(
         "atari-roms",
-        "the ROMs of the Atari games are not installed; ale-py before 0.9 does not bring them",
+        "the ROMs of the Atari games are not installed; ale-py before 0.9 does not include them",
         {
             "requirements": ["ale-py>=0.9"],
-            "text": "With gym before 0.26: `pip install 'gym[atari,accept-rom-license]'` brings the ROMs (atari-roms).",
+            "text": "With gym before 0.26: `pip install 'gym[atari,accept-rom-license]'` installs the ROMs.",
         },
     )

@@ -109,7 +109,7 @@ def _architecture(line: str, scene: Scene) -> Optional[Cause]:
         return None
     if scene.speaks_of("isaacgym", "isaacgymenvs", "gymapi", "carb.gym.plugin"):
         text = "Isaac Gym's own kernels, or this build of torch, have no code for this GPU"
-        return Cause("isaacgym", text, {"text": "Take another GPU, or Isaac Lab, which follows Isaac Gym."})
+        return Cause("isaacgym", text, {"text": "Use another GPU, or Isaac Lab, the successor of Isaac Gym."})
     device = re.search(r"capability sm_(\d+) is not compatible", scene.failure.text)
     listed = re.search(r"supports CUDA capabilities ([\w ]+)", scene.failure.text)
     listed_numbers = [int(each) for each in CAPABILITY.findall(listed.group(1))] if listed else []
@@ -204,7 +204,7 @@ def _jax(line: str, scene: Scene) -> Optional[Cause]:
     plugin, jaxlib = JAX_PLUGIN.search(line), JAXLIB.search(line)
     if plugin:
         package, version, there = plugin.group(1).replace("_", "-"), plugin.group(2).rstrip(",."), plugin.group(3)
-        text = "{} {} and jaxlib {} are two releases; all parts of JAX have to be of one".format(
+        text = "{} {} and jaxlib {} differ; all parts of JAX must have the same release".format(
             package, version, there.rstrip(".,")
         )
         cuda = re.sub(r"^jax-(\w+)-plugin$", r"\1", package)
@@ -240,8 +240,8 @@ def _compiled(line: str, scene: Scene) -> Optional[Cause]:
     name = "sm_{}".format(capability)
     last = next((version for below, version in REMOVED if capability < below), None)
     if capability < OLDEST_KEPT:
-        text = "CUDA {} and newer have no code for {}, which the build asks for".format(last, name)
-        way = "Leave it out of TORCH_CUDA_ARCH_LIST (or of the flags in setup.py), or take an older CUDA toolkit."
+        text = "CUDA {} and newer have no code for {}, which the build requests".format(last, name)
+        way = "Leave it out of TORCH_CUDA_ARCH_LIST (or of the flags in setup.py), or use an older CUDA toolkit."
         return Cause("cuda-toolkit", text, {"text": way})
     first = next((version for least, version in BROUGHT if capability >= least), None)
     if first is None:

@@ -65,7 +65,7 @@ CAUSES = (
         GLEW,
         Cause(
             "libglew",
-            "MuJoCo before 2.2 draws by functions of GLEW, and libGLEW was not loaded before it",
+            "MuJoCo before 2.2 renders with functions from GLEW, and libGLEW was not loaded before it",
             {
                 "environment": {"LD_PRELOAD": "/usr/lib/x86_64-linux-gnu/libGLEW.so"},
                 "text": "Install it: `apt-get install libglew-dev`. Off screen use EGL or OSMesa, without LD_PRELOAD.",
@@ -77,7 +77,7 @@ CAUSES = (
         Cause(
             "libstdcxx-ng",
             "Mesa's driver did not load: an older libstdc++ than the system's was loaded first, as in an environment of"
-            " conda, or the driver is not installed; `LIBGL_DEBUG=verbose` tells which",
+            " conda, or the driver is not installed; `LIBGL_DEBUG=verbose` shows which",
             {"text": "`conda install -c conda-forge libstdcxx-ng`, or `apt-get install libgl1-mesa-dri`."},
         ),
     ),
@@ -137,7 +137,7 @@ CAUSES = (
         CONTEXT,
         Cause(
             "opengl",
-            "no OpenGL context could be made: no display, or a driver without what is asked for",
+            "no OpenGL context could be made: no display, or a driver without the requested features",
             {"environment": {"MUJOCO_GL": "egl"}, "text": SERVER},
         ),
     ),

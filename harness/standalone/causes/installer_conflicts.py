@@ -148,7 +148,7 @@ def _none(line: str, scene: Scene) -> Optional[Cause]:
     package, bound, asking, version = match.groups()
     wanted = package + _bare(bound or "")
     text = "{} requires {}, and the index has no such release".format(" ".join(filter(None, (asking, version))), wanted)
-    other = "Take another release of {}; or, if {} has another name today, an override.".format(asking, package)
+    other = "Install another release of {}; or, if {} has another name today, an override.".format(asking, package)
     return Cause(canonical(package), text, {"text": other})
 
 
@@ -172,10 +172,10 @@ def _depends(line: str, scene: Scene) -> Optional[Cause]:
     first = "{} {} requires {}".format(name, version, wanted)
     if rival is not None and _bare(rival[3]) != _bare(bound):
         second = "{} {} requires {}".format(rival[0], rival[1], rival[2] + _bare(rival[3]))
-        remedy = "Take another release of {} or of {}.".format(name, rival[0])
+        remedy = "Install another release of {} or of {}.".format(name, rival[0])
         return Cause(canonical(package), "{}, and {}".format(first, second), {"text": remedy}, asker=canonical(name))
-    text = "{}, and something else that was asked for excludes it".format(first)
-    other = "Or take another release of {}.".format(name)
+    text = "{}, and another requirement excludes it".format(first)
+    other = "Or install another release of {}.".format(name)
     return Cause(canonical(package), text, requirement_remedy(wanted, other), asker=canonical(name))
 
 
@@ -199,11 +199,11 @@ def _conflict(text: str) -> Optional[Cause]:
                     asker, package + bound, rival, rival_package + rival_bound
                 )
                 ways = [name for name in (asker, rival) if name != "your command"]
-                way = "Take another release of {}.".format(" or of ".join(name.split(" ")[0] for name in ways))
+                way = "Install another release of {}.".format(" or of ".join(name.split(" ")[0] for name in ways))
                 remedy = {"text": way}
                 if len(ways) == 1:
                     remedy = requirement_remedy(
-                        package + (bound if ways[0] == asker else rival_bound), "Or t" + way[1:]
+                        package + (bound if ways[0] == asker else rival_bound), "Or i" + way[1:]
                     )
                 return Cause(canonical(package), words, remedy, asker=canonical(ways[0].split(" ")[0]))
     return None
@@ -247,7 +247,7 @@ def refusals(line: str, scene: Scene) -> Causes:
         name = brackets.group(1)
         yield Cause(
             "shell",
-            "zsh reads the brackets in `{}` as a pattern of file names; no installer has seen them".format(name),
+            "zsh reads the brackets in `{}` as a pattern of file names; no installer receives them".format(name),
             {"text": "Type quotes around it: `pip install '{}'`.".format(name)},
         )
     elif GONE.search(line):
@@ -258,7 +258,7 @@ def refusals(line: str, scene: Scene) -> Causes:
         yield Cause(
             canonical(package),
             " ".join(text.split()).replace(" ,", ","),
-            {"text": "Add conda-forge (`-c conda-forge`), take another Python, or install {} by pip.".format(package)},
+            {"text": "Add conda-forge (`-c conda-forge`), use another Python, or install {} by pip.".format(package)},
         )
     elif command:
         wanted = re.sub(r"^(?:-U|--upgrade|-q) ", "", command.group(1)).strip("`'\"")
@@ -298,5 +298,7 @@ def _extra(match: "re.Match[str]", scene: Scene) -> Cause:
             {"requirements": [there.bound.replace(package, "{}[{}]".format(package, extra), 1)]},
         )
     return Cause(
-        canonical(package), text, {"text": "Leave `[{}]` out, and install what it stands for by name.".format(extra)}
+        canonical(package),
+        text,
+        {"text": "Remove `[{}]`, and install the packages that it should bring by name.".format(extra)},
     )

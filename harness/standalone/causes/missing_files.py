@@ -83,7 +83,9 @@ def causes(line: str, scene: Scene) -> Causes:
     file = find(line)
     if "Could not load libtorchcodec" in line:
         way = "`conda install -c conda-forge ffmpeg` or `apt-get install ffmpeg`; else the torchcodec for your torch."
-        yield Cause("ffmpeg", "torchcodec finds no FFmpeg that it knows, or was made for another torch", {"text": way})
+        yield Cause(
+            "ffmpeg", "torchcodec finds no FFmpeg that it supports, or was built for another torch", {"text": way}
+        )
         return
     if stem in VENDORS and ERROR.search(line):
         program, way = VENDORS[stem]
@@ -181,7 +183,9 @@ def shadowed(line: str, scene: Scene) -> Causes:
             history.package, module, name, module
         )
     )
-    way = "`python -c 'import {0}; print({0})'` says what it is: rename it or go elsewhere, then install {1} again."
+    way = (
+        "`python -c 'import {0}; print({0})'` shows it: rename it or leave its folder, then install {1} again."
+    )
     yield Cause("file", text, {"text": way.format(module, history.package)})
 
 
@@ -215,7 +219,7 @@ WINDOWS = Pattern(r"DLL load failed while importing cymj", "cymj")
 def of_mujoco(line: str, scene: Scene) -> Causes:
     """Yield the cause where a line says that files of a MuJoCo before 2.1.2 are missing, or are not found."""
     if OF_DM_CONTROL.search(line):
-        text = "dm_control before 1.0 loads MuJoCo from a folder, and it is not there; later ones bring it"
+        text = "dm_control before 1.0 loads MuJoCo from a folder, and it is not there; later releases include it"
         yield Cause("dm-control", text, requirement_remedy("dm-control>=1.0"))
         return
     named, unnamed = NUMBERED.search(line), UNNAMED.search(line)

@@ -75,7 +75,7 @@ def _python_cause(package: str, version: Optional[str], wants: str, python: str,
     name = "{} {}".format(package, version) if version else package
     text = "{} requires Python {}, and this is Python {}".format(name, wants, python)
     newest = newest_for(history, ".".join(python.split(".")[:2])) if history else None
-    way = "Or take `{}=={}`, the newest for Python {}.".format(package, newest, python) if newest else ""
+    way = "Or install `{}=={}`, the newest for Python {}.".format(package, newest, python) if newest else ""
     return Cause("python", text, {"python": wants, "text": way} if way else {"python": wants})
 
 
@@ -149,7 +149,7 @@ def _of_list(package: str, bound: str, listed: List[str], python: Optional[str])
     text = "the newest {} that installs on this Python and platform is {}, and {}{} {}".format(
         package, newest, package, bound, side
     )
-    way = "Or take a newer Python, if a newer {} is needed.".format(package) if "newer" in side else ""
+    way = "Or use a newer Python, if you need a newer {}.".format(package) if "newer" in side else ""
     remedy = {"requirements": ["{}=={}".format(package, newest)]}
     return Cause(package, text, dict(remedy, text=way) if way else remedy)
 
@@ -229,7 +229,7 @@ def has_one(history: History, version: str, python: str) -> bool:
 def _of_python(history: History, version: str, wants: str, python: str) -> Cause:
     package, other = history.package, newest_for(history, python)
     text = "{} {} requires Python {}, and this is Python {}".format(package, version, wants, python)
-    way = "Or take `{}=={}`, the newest for Python {}.".format(package, other, python) if other else ""
+    way = "Or install `{}=={}`, the newest for Python {}.".format(package, other, python) if other else ""
     return Cause(package, text, {"python": wants, "text": way} if way else {"python": wants})
 
 

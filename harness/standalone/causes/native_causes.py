@@ -76,7 +76,7 @@ def _numpy(line: str, scene: Scene) -> Optional[Cause]:
         return _of_size(size.group(1), int(size.group(2)), int(size.group(3)))
     if ABI.search(line):
         text = "a package that was compiled with NumPy 1 was loaded with NumPy 2; the traceback above names it"
-        way = "Or take a release of that package that was built with NumPy 2."
+        way = "Or install a release of that package for NumPy 2."
         return Cause("numpy", text, {"requirements": ["numpy<2"], "text": way})
     return None
 
@@ -91,7 +91,7 @@ def _numpy_values(line: str, scene: Scene) -> Optional[Cause]:
         return Cause("numpy", text, {"requirements": ["numpy<2"], "text": "Or `torch>=2.3`."})
     if RAGGED.search(line):
         text = (
-            "NumPy 1.24 and newer refuse to make an array of rows that differ in length; older ones made one of objects"
+            "NumPy 1.24 and newer make no array from rows of different lengths; older releases made an array of objects"
         )
         way = "Or make the rows alike, or write `dtype=object`."
         return Cause("numpy", text, {"requirements": ["numpy<1.24"], "text": way})
@@ -101,8 +101,8 @@ def _numpy_values(line: str, scene: Scene) -> Optional[Cause]:
 def _protobuf(line: str, scene: Scene) -> Optional[Cause]:
     if not PROTOBUF.search(line):
         return None
-    text = "protobuf 4 and newer refuse code that protoc before 3.19 generated"
-    way = "Or take a newer release of the package that brings the generated code (a file *_pb2.py)."
+    text = "protobuf 4 and newer reject code that protoc before 3.19 generated"
+    way = "Or install a newer release of the package that contains the generated code (a file *_pb2.py)."
     return Cause("protobuf", text, {"requirements": ["protobuf<3.21"], "text": way})
 
 
@@ -111,10 +111,10 @@ def _of_size(kind: str, expected: int, size: int) -> Optional[Cause]:
     if kind == "dtype":
         if expected > size:
             text = "a package that was compiled with NumPy 1 was loaded with NumPy 2"
-            way = "Or take a release of that package that was built with NumPy 2."
+            way = "Or install a release of that package for NumPy 2."
             return Cause("numpy", text, {"requirements": ["numpy<2"], "text": way})
         text = "a package that was compiled with NumPy 2 was loaded with NumPy 1"
-        return Cause("numpy", text, {"requirements": ["numpy>=2"], "text": "Or take a release of it for NumPy 1."})
+        return Cause("numpy", text, {"requirements": ["numpy>=2"], "text": "Or install a release of it for NumPy 1."})
     if expected > size:
         first = "1.20" if kind == "ndarray" else "1.22" if expected == UFUNC_OF_122 else ""
         text = "a package was compiled with a newer NumPy{} than the one that is installed".format(
@@ -138,7 +138,7 @@ def _system(line: str, scene: Scene) -> Optional[Cause]:
         text = "`{}` was built for a system with glibc {} or newer, and this system's is older".format(
             asker, glibc.group(1)
         )
-        way = "Take an older release of it, build it here, install it by conda, or move to a newer Linux."
+        way = "Install an older release of it, build it here, install it by conda, or move to a newer Linux."
         return Cause("glibc", text, {"text": way})
     if python:
         text = "`{}` is the shared library of Python {}, and the loader does not find it".format(

@@ -39,18 +39,18 @@ def causes(line: str, scene: Scene) -> Causes:
         elif kinds == ["dict", "dict"]:
             yield _newer("dictionaries can be joined by `|` since Python 3.9", "3.9")
     elif SUBSCRIPT.search(line) and BUILTIN.search(scene.failure.text):
-        yield _newer("`list[int]` and its like are there since Python 3.9", "3.9")
+        yield _newer("`list[int]` and similar types exist since Python 3.9", "3.9")
     elif "SyntaxError" in line and MATCH.search(scene.failure.text):
         yield _newer("`match` exists since Python 3.10", "3.10")
     elif abstract and next(filter(None, abstract.groups())) in ABSTRACT_CLASSES:
         text = "Python 3.10 removed `{}` from collections; it is in collections.abc"
-        way = "Or take a newer release of the package that imports it, or write `collections.abc` there."
+        way = "Or install a newer release of the package that imports it, or write `collections.abc` there."
         yield Cause("python", text.format(next(filter(None, abstract.groups()))), {"python": "<3.10", "text": way})
     elif mutable and mutable.group(1) not in BUILTIN_MUTABLES:
         name = mutable.group(1)
         package = package_with(name.partition(".")[0])
-        text = "Python 3.11 and newer refuse an instance of `{}` as the default of a field".format(name)
-        way = "Or take a newer release of {}.".format(package or "the package that has this class")
+        text = "Python 3.11 and newer reject an instance of `{}` as the default of a field".format(name)
+        way = "Or install a newer release of {}.".format(package or "the package that has this class")
         yield Cause("python", text, {"python": "<3.11", "text": way})
 
 

@@ -63,7 +63,7 @@ def _file(line: str, scene: Scene) -> Optional[Cause]:
             "git-lfs", text, {"text": "Install git-lfs, and type `git lfs install; git lfs pull` in its folder."}
         )
     if LOADER.search(line):
-        text = "PyYAML 6 wants to be told how to load: `yaml.load(file)` has no default any more"
+        text = "PyYAML 6 requires a loader: `yaml.load(file)` no longer has a default"
         return Cause("pyyaml", text, {"requirements": ["pyyaml<6"], "text": "Or write `yaml.safe_load(file)`."})
     return None
 

@@ -29,9 +29,9 @@ PASTED = re.compile(r": |\n")
 """What a pasted error has and the name of a file has not."""
 
 HELP = (
-    "Explain a failure: its cause, the fix, a reference, and the command to type next. Give a log file, `-` to read"
-    " standard input, or a command after `--`. The command runs as usual; if it fails, the explanation follows its"
-    " output."
+    "Explain a failure: its cause, the fix, a reference, and the command to type next. Give a log file, a pasted"
+    " error, `-` to read standard input, or a command after `--`. The command runs as usual; if it fails, the"
+    " explanation follows its output."
 )
 
 
@@ -49,13 +49,13 @@ class Knowledge(NamedTuple):
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of `explain` to a parser."""
     parser.usage = (
-        "%(prog)s [--python PATH] [--json] [FILE | -]\n       %(prog)s [--python PATH] [--json] -- COMMAND..."
+        "%(prog)s [--python PATH] [--json] [FILE | TEXT | -]\n       %(prog)s [--python PATH] [--json] -- COMMAND..."
     )
     parser.add_argument(
         "file",
         metavar="FILE",
         nargs="?",
-        help="a log, a traceback or the output of a notebook cell; `-`: standard input",
+        help="a log, a traceback or the output of a notebook cell; or the pasted error itself; `-`: standard input",
     )
     parser.add_argument("--python", metavar="PATH", help="the interpreter or environment in which it failed")
     parser.add_argument("--json", action="store_true", help="print one JSON document on stdout, and nothing else")

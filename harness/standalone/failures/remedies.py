@@ -6,13 +6,13 @@ from typing import Any, Iterator, List, Mapping
 
 VERBS = (
     ("install", "requirements"),
-    ("keep to", "constraints"),
+    ("pin", "constraints"),
     ("override", "overrides"),
     ("build with", "build_constraints"),
     ("set for builds", "build_variables"),
-    ("wheels only of", "only_binary"),
-    ("repair", "overlay"),
-    ("remove", "uninstall"),
+    ("install only wheels of", "only_binary"),
+    ("patch", "overlay"),
+    ("uninstall", "uninstall"),
 )
 """The keys of a remedy that a machine can apply, in words."""
 

@@ -231,7 +231,7 @@ def test_report_shows_repaired_cells(repaired: DeskRun) -> None:
     cells = {cell["id"].partition("_")[2]: cell for cell in repaired.ran.document["cells"]}
     assert repaired.ran.code == 1
     assert (cells["single_with-repair"]["verdict"], cells["single"]["verdict"]) == ("works", "broken")
-    assert cells["single_with-repair"]["change"]["does"] == ["keep to `toolbox<2`"]
+    assert cells["single_with-repair"]["change"]["does"] == ["pin `toolbox<2`"]
     assert cells["single_with-repair"]["base"] == cells["single"]["id"]
     page = (repaired.desk.state / "reports" / "market" / "report.md").read_text(encoding="utf-8")
     assert re.search(
@@ -246,12 +246,12 @@ def test_proof_repeats_with_one_command(repaired: DeskRun, desk: Desk) -> None:
     shutil.copytree(repaired.desk.state, desk.state)
     (folder,) = (desk.state / "repairs").glob("*/*_single")
     assert "toolbox==1.2" in (folder / "lock.txt").read_text(encoding="utf-8")
-    assert "keep to `toolbox<2`" in (folder / "repair.md").read_text(encoding="utf-8")
+    assert "pin `toolbox<2`" in (folder / "repair.md").read_text(encoding="utf-8")
     matrix = repaired.desk.folder / "market.toml"
     ran = desk.run("repair", f"{matrix}/*-single", HARNESS_SIGNATURES="")
     assert ran.code == 0
-    assert "remedy: keep to `toolbox<2`\n  constraints.txt: toolbox<2\n" in ran.out
-    assert "necessary: without keep to `toolbox<2` it fails (run 1: broken in single)\n" in ran.out
+    assert "remedy: pin `toolbox<2`\n  constraints.txt: toolbox<2\n" in ran.out
+    assert "necessary: it fails without the step: pin `toolbox<2` (run 1: broken in single)\n" in ran.out
     assert "sufficient: with it every check passes (run " in ran.out
 
 

@@ -291,7 +291,7 @@ def test_a_change_in_words() -> None:
         )
     )
     assert told == (
-        "install `a<2`, `b`", "override `c<3`", "remove `d`", "set `E=1`", "unset `F`", "Python 3.10",
+        "install `a<2`, `b`", "override `c<3`", "uninstall `d`", "set `E=1`", "unset `F`", "Python 3.10",
         "resolved as of 2024-01-01T00:00:00Z",
     )  # fmt: skip
     assert remedies.in_words({"build_constraints": ["x<1"], "text": "Or wait."}) == "build with `x<1`. Or wait."

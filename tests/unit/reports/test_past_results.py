@@ -167,7 +167,7 @@ def test_a_document_keeps_the_cells(tmp_path: Path) -> None:
     kept = digest.combine([found])
     assert {cell.id: cell for cell in kept.cells} == {cell.id: cell for cell in found.cells}
     assert kept.remedies == found.remedies
-    assert found.remedies["pymunk7-collision-handler"] == "keep to `pymunk<7`"
+    assert found.remedies["pymunk7-collision-handler"] == "pin `pymunk<7`"
 
 
 # --- opened ----------------------------------------------------------------------------------------------------

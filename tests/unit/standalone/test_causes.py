@@ -138,4 +138,4 @@ def test_of_many_requirements_the_two_that_exclude_each_other_are_named() -> Non
     plain = explained(text)
     assert plain is not None
     assert plain["cause"] == "mink 0.0.5 requires numpy<2.0.0, and your command requires numpy==2.2.5"
-    assert plain["remedy"] == {"requirements": ["numpy<2.0.0"], "text": "Or take another release of mink."}
+    assert plain["remedy"] == {"requirements": ["numpy<2.0.0"], "text": "Or install another release of mink."}

@@ -106,6 +106,6 @@ def test_every_key_of_a_remedy_has_words() -> None:
         "only_binary": ["d"], "overlay": ["e"], "uninstall": ["f"], "python": "3.10", "as_of": "2024-01-01T00:00:00Z",
     }  # fmt: skip
     assert remedies.in_words(remedy) == (
-        "keep to `a<1`; override `b`; build with `c<2`; set for builds `V=1`; wheels only of `d`; repair `e`;"
-        " remove `f`; Python 3.10; resolved as of 2024-01-01T00:00:00Z"
+        "pin `a<1`; override `b`; build with `c<2`; set for builds `V=1`; install only wheels of `d`; patch `e`;"
+        " uninstall `f`; Python 3.10; resolved as of 2024-01-01T00:00:00Z"
     )
