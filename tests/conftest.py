@@ -17,6 +17,8 @@ from harness.model import Case, CheckReply, ProbeReply
 from harness.packages import index_settings
 from harness.probes import wire
 
+os.environ.pop("COLUMNS", None)  # pytest's workers have one; texts of verbs are as wide as they are by themselves
+
 INCELL = Path(harness.__file__).parent / "incell"
 
 

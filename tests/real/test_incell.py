@@ -342,7 +342,7 @@ def test_workers_tell_their_own_end(site: str, mode: str, told, run_checks) -> N
 def test_a_hanging_worker_is_seen(run_checks) -> None:
     """Workers that hang in their constructor leave how far they came and their stacks, though the parent is ended."""
     done = run_checks(
-        NEWEST, "troubled:Troubled-v0", "make-child-hang", checks=("vector.async.fork",), limit=1, deadline=6
+        NEWEST, "troubled:Troubled-v0", "make-child-hang", checks=("vector.async.fork",), limit=2, deadline=12
     )
     reply = done["vector.async.fork"]
     assert (done.returncode, reply.outcome) == (None, None)

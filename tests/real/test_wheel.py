@@ -24,6 +24,8 @@ MOST = 2_000_000
 TRACEBACK = """Traceback (most recent call last):
   File "train.py", line 3, in <module>
     env.step(env.action_space.sample())
+  File "/opt/env/lib/python3.11/site-packages/gym/utils/passive_env_checker.py", line 233, in env_step_passive_checker
+    if not isinstance(terminated, (bool, np.bool8)):
 AttributeError: module 'numpy' has no attribute 'bool8'
 """
 
@@ -121,7 +123,7 @@ def test_it_builds_a_site_on_a_fresh_machine(
     assert [path.name for path in (tmp_path / "site/files").rglob("*.svg")] == ["behaviour-1.svg"]  # drawn anew
     refused = installed("site", "nowhere", "--out", str(tmp_path / "other"))
     assert refused.returncode == 2
-    assert refused.stderr.startswith("simmatrix: nowhere: no report.json here, and no matrix of this name was run")
+    assert refused.stderr.startswith("simmatrix: nowhere: no report.json here, and no matrix of this name was measured")
     assert not (tmp_path / "other").exists()
 
 

@@ -106,4 +106,11 @@ def _agreed_lines(page: str) -> Iterator[tuple[tuple[str, str, str], str]]:
         row = ROW.match(line)
         if row and row["line"].strip():
             typed, env, text = (html.unescape(row[name]).replace("\\", "") for name in ("typed", "env", "line"))
-            yield (row["python"], typed, env), text.strip()
+            yield (row["python"], typed, env), _without_code_span(text.strip())
+
+
+def _without_code_span(text: str) -> str:
+    """Return the text inside a code span, whose fence is one backtick or more than the text has in a row."""
+    fence = text[: len(text) - len(text.lstrip("`"))]
+    inner = text.removeprefix(fence).removesuffix(fence)
+    return inner[1:-1] if len(fence) > 1 and inner[:1] == inner[-1:] == " " else inner

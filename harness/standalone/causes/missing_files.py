@@ -183,9 +183,7 @@ def shadowed(line: str, scene: Scene) -> Causes:
             history.package, module, name, module
         )
     )
-    way = (
-        "`python -c 'import {0}; print({0})'` shows it: rename it or leave its folder, then install {1} again."
-    )
+    way = "`python -c 'import {0}; print({0})'` shows it: rename it or leave its folder, then install {1} again."
     yield Cause("file", text, {"text": way.format(module, history.package)})
 
 

@@ -51,7 +51,7 @@ def test_a_failure_stands_where_the_control_works(desk_with_results: Desk) -> No
     assert "controls" not in cells["good"]
     assert SAYS in ran.err
     again = desk_with_results.run("run", "small.toml", **good)
-    assert "nothing to do: all 2 cells were measured before" in again.out
+    assert "nothing to do: all 2 results are reused" in again.out
     assert SAYS not in again.err
 
 

@@ -104,6 +104,15 @@ def first_failure(phases: dict[Phase, Outcome], cell: MeasuredCell) -> str | Non
     )
 
 
+def test_the_line_of_a_case_is_the_text_inside_its_code_span() -> None:
+    """The page of agreement shows lines as code; known failures are found in them all the same."""
+    cell = shipped()["measured-by-hand/py3.12_gymnasium-1.4.0_imageio_mujoco-4.0.0"]
+
+    assert [case.decisive for case in cell.cases] == ["ModuleNotFoundError: No module named 'packaging'"] * 3
+    assert cell.causes == ("gymnasium-packaging-missing",)
+    assert not any((case.decisive or "").startswith("`") for each in shipped().values() for case in each.cases)
+
+
 def test_a_silent_issue_is_not_excluded() -> None:
     """By hand only exceptions were seen: where a silent issue fits, a cell is not plainly good."""
     cell = shipped()["measured-by-hand/py3.11_gymnasium.mujoco-1.4.0_mujoco-2.3.7"]
