@@ -235,7 +235,7 @@ def test_report_shows_repaired_cells(repaired: DeskRun) -> None:
     assert cells["single_with-repair"]["base"] == cells["single"]["id"]
     page = (repaired.desk.state / "reports" / "market" / "report.md").read_text(encoding="utf-8")
     assert re.search(
-        r"\*\*Fix\*\* \(proven by `.*_with-repair`\): Keep to `toolbox<2`\.\n\n```sh\npip install 'toolbox<2'\n", page
+        r"\*\*Fix\*\* \(proven by `.*_with-repair`\): Pin `toolbox<2`\.\n\n```sh\npip install 'toolbox<2'\n", page
     )
     assert "hopeless_with-repair" not in cells
     assert "fine_with-repair" not in cells
