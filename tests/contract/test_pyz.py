@@ -136,6 +136,21 @@ def test_a_pasted_line_needs_no_file(pyz: Path, tmp_path: Path) -> None:
     assert (done.returncode, done.stdout) == (0, piped.stdout)
 
 
+@pytest.mark.parametrize(
+    ("given", "is_pasted"),
+    [
+        ("No module named 'packaging'", True),
+        ("Segmentation fault (core dumped)", True),
+        ("no.log", False),
+        ("my train log.txt", False),
+        ("logs of/last run.log", False),
+    ],
+)
+def test_an_error_is_told_from_the_name_of_a_file(given: str, is_pasted: bool) -> None:
+    """Three words and no suffix are an error, even without the name of an exception."""
+    assert bool(explain.PASTED.search(given)) is is_pasted
+
+
 def test_bad_input_is_refused_in_one_line(pyz: Path, tmp_path: Path) -> None:
     """Bad input gives one line on stderr and exit code 2."""
     done = run(sys.executable, pyz, "explain", "no.log", cwd=tmp_path)

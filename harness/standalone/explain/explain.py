@@ -25,8 +25,8 @@ from .log_excerpt import Excerpt
 
 UNKNOWN, BAD, INTERRUPTED = 1, 2, 130
 PINNED = re.compile(r"[A-Za-z0-9][\w.\[\],-]*\s*[=<>~!]")
-PASTED = re.compile(r": |\n")
-"""What a pasted error has and the name of a file has not."""
+PASTED = re.compile(r": |\n|^(?!.*\.\w{1,5}$)\S+(?: \S+){2,}")
+"""Match a pasted error, not the name of a file: a colon, several lines, or three words without a suffix."""
 
 HELP = (
     "Explain a failure: its cause, the fix, a reference, and the command to type next. Give a log file, a pasted"
