@@ -146,7 +146,7 @@ def test_a_pasted_line_needs_no_file(pyz: Path, tmp_path: Path) -> None:
         ("logs of/last run.log", False),
     ],
 )
-def test_an_error_is_told_from_the_name_of_a_file(given: str, is_pasted: bool) -> None:
+def test_an_error_is_no_name_of_a_file(given: str, is_pasted: bool) -> None:
     """Three words and no suffix are an error, even without the name of an exception."""
     assert bool(explain.PASTED.search(given)) is is_pasted
 
