@@ -14,7 +14,7 @@ from harness.model.vocabulary import required_name
 from harness.reports.site import addresses
 from harness.reports.site.page_writer import PageWriter
 from harness.reports.site.site_facts import SiteFacts
-from harness.reports.text import report_markdown
+from harness.reports.text import cause_markdown
 from harness.standalone.failures import literals, matching
 
 WORD = re.compile(r"[a-z_][a-z0-9_]{2,}")
@@ -35,7 +35,7 @@ def title(signature: Signature) -> str:
         line = example[start : end if end >= 0 else len(example)].strip()
         return line if len(line) <= LONGEST_TITLE else f"{line[: LONGEST_TITLE - 1]}…"
     lines = example.strip().splitlines()
-    return lines[-1].strip() if lines else report_markdown.first_sentence(signature.cause)
+    return lines[-1].strip() if lines else cause_markdown.first_sentence(signature.cause)
 
 
 def write(facts: SiteFacts, writer: PageWriter) -> None:

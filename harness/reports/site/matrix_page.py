@@ -14,7 +14,7 @@ from harness.reports.site.page_writer import PageWriter
 from harness.reports.site.site_facts import DOUBTED, CellLink, SiteFacts, mark_of, name_mark, sign
 from harness.reports.site.site_sources import Source
 from harness.reports.tables.table_types import Pivot, Row, Sheet
-from harness.reports.text import report_markdown
+from harness.reports.text import cause_markdown, report_markdown
 
 NOTHING = "-"
 
@@ -45,8 +45,8 @@ def write(facts: SiteFacts, writer: PageWriter, files: EvidenceFiles) -> None:
             most_rows=MOST_ROWS,
             most_squares=MOST_SQUARES,
             troubles=[(one, facts.issue_address(one.known)) for one in sheet.troubles],
-            became=report_markdown.describe_results,
-            proven=report_markdown.proven,
+            became=cause_markdown.describe_results,
+            proven=cause_markdown.proven,
             plots=_plots(source, sheet, files),
             environment_address=facts.environment_address,
             environment_links=facts.environment_links,

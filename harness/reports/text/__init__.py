@@ -2,6 +2,7 @@
 
 __all__ = [
     "author_pages",
+    "cause_markdown",
     "family_markdown",
     "github_annotations",
     "markdown_texts",

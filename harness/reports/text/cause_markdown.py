@@ -23,7 +23,7 @@ UNBLAMED = {
     Verdict.UNAVAILABLE: "This machine lacks something that the combination needs.",
     Verdict.INCONCLUSIVE: "This machine could not decide it.",
 }
-"""What a section without a known cause says of results that no package is blamed for."""
+"""Sentences for results without a known cause that no package is blamed for."""
 
 INDEXED = 2
 """Causes up to which a list of them would say nothing that their headings do not say."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 TAG = re.compile(r"<(?=[A-Za-z/!?])(?!https?://)")
 WHOLE_TAG = re.compile(r"(?<![\\`])<(?=[A-Za-z/!?])(?!https?://)[^<>`\n]{1,200}>(?!`)")
-"""What looks like a whole tag, such as `<class 'str'>`: it can be shown as code, which needs no entity."""
+"""A whole tag in a text, such as `<class 'str'>`; it is shown as code, which needs no entity."""
 
 CODE = re.compile(r"(?<!`)(`+)(?!`)(.+?)(?<!`)\1(?!`)", re.DOTALL)
 """A code span as CommonMark knows it: closed by a run of backticks as long as the one that opens it."""

@@ -25,7 +25,7 @@ Item = TypeVar("Item")
 BAR = 30
 """Columns of the bar."""
 QUIET_SECONDS = 10.0
-"""Where no terminal shows a bar, a line of progress comes that often."""
+"""Seconds between two lines of progress, if no terminal shows a bar."""
 
 
 class Progress:

@@ -13,10 +13,6 @@ from harness.reports.pictures import picture_markdown
 from harness.reports.tables.table_types import Attempt, Pivot, Remark, Report, Sheet, Square
 from harness.reports.template_files import fill
 from harness.reports.text import cause_markdown, combination_markdown, family_markdown, frame_markdown, task_markdown
-from harness.reports.text.cause_markdown import describe_results as describe_results  # noqa: PLC0414 - also from here
-from harness.reports.text.cause_markdown import first_sentence as first_sentence  # noqa: PLC0414
-from harness.reports.text.cause_markdown import proven as proven  # noqa: PLC0414
-from harness.reports.text.cause_markdown import unknown as unknown  # noqa: PLC0414
 from harness.reports.text.markdown_texts import address, code, code_cell, file_link, prose, table_cell
 from harness.standalone.control_characters import strip_controls
 
@@ -76,7 +72,7 @@ def filters() -> dict[str, Callable[..., Any]]:
         "family_legend": family_markdown.family_legend,
         "coverage_table": family_markdown.coverage_table,
         "family_table": family_markdown.family_table,
-        "first_sentence": first_sentence,
+        "first_sentence": cause_markdown.first_sentence,
         "left_out": _left_out,
         "legend": legend,
         "named": lambda verdict: f"{SYMBOLS[verdict]} {word(verdict)}",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from harness.model import Role, Verdict
 from harness.model.report_types import SYMBOLS, UNTOLD, format_count, word
 from harness.reports.tables.table_types import Attempt, Effect, Pivot, Remark, Report, Row, Sheet, Square, Trouble
-from harness.reports.text import report_markdown
+from harness.reports.text import cause_markdown, report_markdown
 from harness.standalone.control_characters import strip_controls
 from harness.standalone.output import style_stream
 
@@ -273,7 +273,7 @@ def _details(sheet: Sheet, row: Row) -> Text:
         parts.append((f"\nown tests: {row.suite}", ""))
     parts += [(f"\nhid behind {mask}", GREY) for mask in row.hidden_by]
     if row.known:
-        fix = f"\nfix: {report_markdown.first_sentence(row.remedy)}"
+        fix = f"\nfix: {cause_markdown.first_sentence(row.remedy)}"
         parts += [(f"\nknown as {row.known}", ""), (fix, GREEN if row.proven else "")]
     if row.expected:
         parts.append((f"\n{row.expected}", "bold" if row.as_expected is False else GREY))
@@ -288,12 +288,12 @@ def _troubles(troubles: Iterable[Trouble]) -> Iterable[RenderableType]:
     yield _styled(("by cause", "bold"))
     for trouble in troubles:
         head = (
-            f"{report_markdown.describe_results(trouble)}: {trouble.where.replace('`', '')}",
+            f"{cause_markdown.describe_results(trouble)}: {trouble.where.replace('`', '')}",
             _colour(trouble.verdicts[0][0]),
         )
         parts = [head, (f"\n{_cause(trouble)}", "")]
         if trouble.remedy:
-            proof = f" ({report_markdown.proven(trouble)})" if report_markdown.proven(trouble) else ""
+            proof = f" ({cause_markdown.proven(trouble)})" if cause_markdown.proven(trouble) else ""
             parts.append((f"\nfix: {trouble.remedy}{proof}".replace("`", ""), GREEN if trouble.proofs else ""))
         parts += [(f"\n{link}", GREY) for link in trouble.references[:REFERENCES]]
         yield _padded(_styled(*parts))
@@ -304,7 +304,7 @@ def _cause(trouble: Trouble) -> str:
     """Return the known failure, else the reason that the matrix gives, else the decisive line."""
     if trouble.known:
         return f"{trouble.known}: {trouble.cause}"
-    lead = report_markdown.unknown(trouble)
+    lead = cause_markdown.unknown(trouble)
     return (
         f"{lead}; the matrix says: {trouble.cause}"
         if trouble.cause

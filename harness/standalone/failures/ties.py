@@ -32,7 +32,7 @@ WORDS = {
     "stable-baselines3": re.compile(r"\bsb3\b", re.IGNORECASE),
     "torch": re.compile(r"Weights only load failed|^RuntimeError: CUDA error: |\bcuda:\d+ device type", re.MULTILINE),
 }
-"""What only these packages are called, or call so."""
+"""Other names of a package, and words that only this package prints."""
 
 
 def is_tied(signature: Any, text: str, installed: Optional[Container[str]] = None) -> bool:

@@ -14,7 +14,7 @@ from harness.model import Expectation, Verdict
 from harness.model.report_types import CellEntry, DiagnosisEntry
 from harness.reports.tables import cause_groups
 from harness.reports.tables.table_types import Trouble
-from harness.reports.text import report_markdown
+from harness.reports.text import cause_markdown
 
 AXES = ("python", "mujoco")
 PYTHONS, MUJOCOS = ("3.9", "3.10", "3.11"), ("2.3.7", "3.1.6", "3.3.7", "4.0.0")
@@ -193,9 +193,9 @@ def test_a_fix_that_a_neighbour_proves() -> None:
 
     one = single_cause(cells)
     assert (one.proofs, one.neighbour) == ((), "py3.9_mujoco-3.3.7")  # the newest that the fix allows
-    assert report_markdown.proven(one) == "proven by a neighbour: `py3.9_mujoco-3.3.7` works and differs only in this"
+    assert cause_markdown.proven(one) == "proven by a neighbour: `py3.9_mujoco-3.3.7` works and differs only in this"
     others = [cell for cell in cells if cell.axes["python"] != "3.9" or cell.axes["mujoco"] == "4.0.0"]
-    assert report_markdown.proven(single_cause(others)) == "not tried"
+    assert cause_markdown.proven(single_cause(others)) == "not tried"
 
 
 def test_a_fix_that_works_together_with_more() -> None:
@@ -205,7 +205,7 @@ def test_a_fix_that_works_together_with_more() -> None:
     green = msgspec.structs.replace(green, axes={**green.axes, "bounds": "known"}, installed={"mujoco": "3.3.7"})
 
     assert (
-        report_markdown.proven(single_cause([red, green]))
+        cause_markdown.proven(single_cause([red, green]))
         == "not tried alone; `py3.9_mujoco-3.3.7` works with this and more"
     )
 
