@@ -57,6 +57,9 @@ from harness.standalone.failures.matching import Diagnosis
 
 T = TypeVar("T")
 
+WITHOUT_TEXTS = frozenset({Outcome.PASSED, Outcome.SKIPPED, Outcome.UNAVAILABLE})
+"""Outcomes of phases whose texts only the pack of evidence holds; a reader of the report asks for those of failures."""
+
 Locate = Callable[[str], str]
 """From a path as records hold it (below the state folder) to one relative to the document."""
 
@@ -298,7 +301,7 @@ def _case(case: AssessedCase, unverified: tuple[str, ...], locate: Locate) -> Ca
         evidence={
             phase.phase: locate(phase.evidence)
             for phase in case.phases
-            if phase.evidence and phase.outcome is not Outcome.PASSED
+            if phase.evidence and phase.outcome not in WITHOUT_TEXTS
         },
         drawn=dict(case.drawn),
         told={check.check: measurements for check in checks if (measurements := check.facts.get("told"))}
@@ -313,8 +316,16 @@ def _case(case: AssessedCase, unverified: tuple[str, ...], locate: Locate) -> Ca
 
 
 def encode(document: Document) -> bytes:
-    """Return the document as indented JSON, equal for equal documents."""
-    return msgspec.json.format(msgspec.json.encode(document, order="deterministic"), indent=1) + b"\n"
+    """Return the document as JSON, equal for equal documents, with a line for each combination."""
+    parts = msgspec.json.decode(msgspec.json.encode(document, order="deterministic"), type=dict[str, msgspec.Raw])
+    return b"{" + b",".join(_line(name, bytes(part)) for name, part in parts.items()) + b"\n}\n"
+
+
+def _line(name: str, content: bytes) -> bytes:
+    if content.startswith(b"["):
+        items = msgspec.json.decode(content, type=tuple[msgspec.Raw, ...])
+        content = b"[" + b",".join(b"\n " + bytes(item) for item in items) + b"]"
+    return b"\n" + msgspec.json.encode(name) + b":" + content
 
 
 def read(content: bytes, name: str) -> Document:

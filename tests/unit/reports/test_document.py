@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import msgspec
 import pytest
-from builders import GENERATED, HERE, MACHINES, case, cell, entry, phase, record, step, warning
+from builders import GENERATED, HERE, LETTERS, MACHINES, case, cell, entry, phase, record, step, warning
 from specimens import RESET, XML, quick, quick_document
 
 from harness.model import CheckRecord, Expectation, Level, Outcome, Phase, PhaseRecord, Plan, Verdict
@@ -36,6 +36,30 @@ def test_keys_of_the_contract() -> None:
         "id": "quick/py3.9_gymnasium-1.2.3_mujoco-2.3.7",
         "reason": "gymnasium 1.2 needs Python 3.10",
     }
+
+
+def test_a_line_for_each_combination() -> None:
+    """A change of one combination changes one line of the file."""
+    whole = quick_document()
+    first, *others = whole.cells
+    changed = msgspec.structs.replace(whole, cells=(msgspec.structs.replace(first, seconds=987.0), *others))
+
+    before, after = (document.encode(one).decode().splitlines() for one in (whole, changed))
+
+    assert len(before) == len(after)
+    assert sum(old != new for old, new in zip(before, after, strict=True)) == 1
+
+
+@pytest.mark.parametrize(
+    ("mark", "kept"), [("p", False), ("s", False), ("u", False), ("f", True), ("c", True), ("t", True)]
+)
+def test_only_failures_keep_their_texts_beside_the_report(mark: str, kept: bool) -> None:
+    """A report names the texts of a phase that failed; what passed or was skipped lies in the pack."""
+    measured = record(replace(case("pppp"), phases=(phase(Phase.VECTOR, LETTERS[mark], evidence="evidence/1"),)))
+
+    (judged,) = document.build([measured], [Plan(matrix="quick", cells=(measured.cell,))], MACHINES, GENERATED).cells
+
+    assert bool(judged.cases[0].evidence) is kept
 
 
 def test_every_planned_cell_has_a_row() -> None:
