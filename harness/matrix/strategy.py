@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from msgspec import Meta, Struct
 
-StrategyName = Literal["full", "pairwise", "baseline", "boundaries"]
+StrategyName = Literal["full", "pairwise", "baseline", "boundaries", "listed"]
 
 
 class StrategyTable(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -47,6 +47,7 @@ class Strategy:
             for name, given in (
                 ("baseline", self.baselines),
                 ("boundaries", self.boundaries),
+                ("listed", "listed" in written),
                 ("pairwise" if self.ways == 2 else f"{self.ways}-way", self.ways),
             )
             if given
@@ -71,6 +72,11 @@ class Strategy:
             {axis: canonical(axis, text) for axis, text in each.items()} for each in self.baselines
         )
         return strategy
+
+    @property
+    def listed(self) -> bool:
+        """Return whether only the combinations that the matrix includes one by one are planned."""
+        return self.names == ("listed",) and not self.full
 
     @property
     def covering(self) -> int:

@@ -82,7 +82,8 @@ def _all(sources: Sources) -> tuple[Axes, Contents, _SortedOut]:
     matrix, expansion = sources.matrix, sources.expansion
     axes = choices(matrix, expansion, sources.host_python)
     with locate_errors(matrix.path, "axes"):
-        _check_size(axes)
+        if not matrix.strategy.listed:
+            _check_size(axes)
     with locate_errors(matrix.path, "strategy"):
         _check_parts(axes, matrix.strategy.covering)
     dated = expansion and (matrix.ranges or matrix.strategy.covering)
@@ -165,7 +166,7 @@ def _sort_out(matrix: Matrix, axes: Mapping[str, tuple[Choice, ...]], contents: 
     sorted_out = _SortedOut()
     matched: set[int] = set()
     with locate_errors(matrix.path, "axes"):
-        for combination in product(*axes.values()):
+        for combination in () if matrix.strategy.listed else product(*axes.values()):
             name = _id(matrix, combination)
             sorted_out.claim(name)
             hits = [index for index, (when, _) in enumerate(excludes) if when.holds(combination)]

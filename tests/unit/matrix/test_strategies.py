@@ -1,5 +1,6 @@
 """Strategies: which combinations are planned, what is left out for which reason, and what a choice is made from."""
 
+import json
 from collections.abc import Callable, Sequence
 from itertools import combinations
 
@@ -77,6 +78,7 @@ class TestReading:
         [
             ('"full"', ()),
             ('"pairwise"', ("pairwise",)),
+            ('"listed"', ("listed",)),
             ("{ ways = 3 }", ("3-way",)),
             ('["boundaries", "baseline"]', ("baseline", "boundaries")),
             ('["pairwise", { baseline = { python = "3.11" } }, { ways = 3 }]', ("baseline", "3-way")),
@@ -218,6 +220,32 @@ class TestBoundaries:
         cells = planned(self.TEXT, breaks={}).cells
 
         assert [cell.axes["mujoco"] for cell in cells] == ["2.3.7", "3.0.1", "3.1.6", "3.2.7"]
+
+
+class TestListed:
+    INCLUDED = '[[include]]\naxes = { python = "3.12", mujoco = "3.3.7" }\nreason = "as people type it"\n'
+
+    def test_only_what_is_included(self) -> None:
+        """The axes are not multiplied, so their product neither is planned nor counts as left out."""
+        text = f'strategy = "listed"\n[axes]\npython = ["3.11"]\nmujoco = ["2.3.7", "3.0.1"]\n{CASE}{self.INCLUDED}'
+
+        assert labels(text) == ["py3.12_mujoco-3.3.7"]
+        assert planned(text).dropped == ()
+
+    def test_a_long_list(self) -> None:
+        """Values whose product would be too large can be listed."""
+        values = json.dumps([f"3.{minor}.0" for minor in range(200)])
+        text = f"[axes]\npython = {values}\nmujoco = {values}\n{CASE}{self.INCLUDED}"
+
+        with pytest.raises(BadInput, match="at most 20,000 can be planned"):
+            planned(text)
+        assert labels(f'strategy = "listed"\n{text}') == ["py3.12_mujoco-3.3.7"]
+
+    def test_together_with_another_strategy(self) -> None:
+        """In a list it adds nothing to what the other strategy chooses."""
+        text = f"{THREE}{CASE}"
+
+        assert labels(f'strategy = ["listed", "baseline"]\n{text}') == labels(f'strategy = "baseline"\n{text}')
 
 
 class TestCovering:
