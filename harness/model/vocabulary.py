@@ -64,6 +64,8 @@ CheckName = Literal[
     "render.device",
     "behave.steps", "behave.pixels", "behave.policy",
     "interop.sb3.check_env", "interop.sb3.learn",
+    "interop.gymnasium.make_vec", "interop.minari.dataset", "interop.mo_gymnasium.vector",
+    "interop.supersuit.vec_env", "interop.supersuit.sb3_learn",
     "interop.torchrl.gym", "interop.torchrl.gym_tensor", "interop.torchrl.isaaclab",
     "interop.torchrl.isaaclab_native", "interop.torchrl.backend",
 ]  # fmt: skip
@@ -75,6 +77,7 @@ FindingName = Literal[
     "vector.repeat", "vector.autoreset",
     "render.constant", "render.stale", "render.upside_down", "render.picture", "render.teardown",
     "interop.torchrl.alias", "interop.torchrl.keys", "interop.torchrl.last", "interop.torchrl.reset",
+    "interop.gymnasium.make_vec",
 ]  # fmt: skip
 """A finding of level warning, which a case can require not to be there."""
 

@@ -1,0 +1,24 @@
+"""Let Stable-Baselines3 learn in a PettingZoo environment that SuperSuit converts."""
+
+from .cell_errors import library
+from .cell_interop import close, import_sb3
+from .cell_supersuit import COPIES, make_vector
+
+STEPS = 16
+"""How many steps of every agent a round of learning has."""
+
+
+def run(probe, facts):
+    """Let PPO learn for two rounds on the CPU, and act once."""
+    sb3 = import_sb3(facts)
+    env, vector = make_vector(probe, facts, "stable_baselines3")
+    try:
+        with library:
+            rounds = {"n_steps": STEPS, "batch_size": STEPS, "n_epochs": 1}
+            model = sb3.PPO("MlpPolicy", vector, device="cpu", seed=probe.case["seed"], **rounds)
+            model.learn(total_timesteps=2 * STEPS * COPIES * len(env.possible_agents))
+            action, _ = model.predict(vector.reset(), deterministic=True)
+            vector.step(action)
+        facts["steps"] = int(model.num_timesteps)
+    finally:
+        close(vector)

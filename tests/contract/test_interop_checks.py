@@ -1,0 +1,202 @@
+"""Test that the checks of data sets and vector environments fail where a library gives other values than it was given.
+
+The libraries are stand-ins: modules of a few lines, right or with one defect.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import pytest
+
+import harness
+
+numpy = pytest.importorskip("numpy")
+
+Import = Callable[[str], Any]
+
+
+@pytest.fixture
+def cell(monkeypatch: pytest.MonkeyPatch) -> Import:
+    """Return an import of the modules that run in cells, as the bootstrap names them."""
+    package = ModuleType("_simmatrix_cell")
+    package.__path__ = [str(Path(harness.__file__).parent / "incell")]
+    monkeypatch.setitem(sys.modules, "_simmatrix_cell", package)
+    yield lambda name: importlib.import_module(f"_simmatrix_cell.{name}")
+    for name in [name for name in sys.modules if name.startswith("_simmatrix_cell.")]:
+        del sys.modules[name]
+
+
+class Space:
+    """A space whose samples count up."""
+
+    shape = (2,)
+
+    def __init__(self) -> None:
+        self.number = 0
+
+    def seed(self, seed: int) -> None:
+        """Begin to count at the seed."""
+        self.number = seed
+
+    def sample(self) -> Any:
+        """Return the next sample."""
+        self.number += 1
+        return numpy.full(2, self.number)
+
+    def __str__(self) -> str:
+        return "Space"
+
+
+class World:
+    """An environment that observes its seed plus its steps; its reward is two numbers."""
+
+    def __init__(self) -> None:
+        self.observation_space, self.action_space = Space(), Space()
+        self.state = 0
+
+    def reset(self, seed: int) -> Any:
+        """Start an episode."""
+        self.state = seed
+        return numpy.full(2, self.state), {}
+
+    def step(self, action: Any) -> Any:
+        """Make a step."""
+        self.state += 1
+        return numpy.full(2, self.state), numpy.array([self.state, action[0]]), False, False, {}
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+def a_probe() -> Any:
+    """Return a probe of such a world."""
+    api = SimpleNamespace(make_raw=lambda case: World(), limit_steps=lambda raw, steps: raw)
+    return SimpleNamespace(case={"seed": 7, "steps": 5, "kwargs": {}}, api=api, num_envs=3)
+
+
+def a_minari(change: Callable[[list[Any]], Any], spaces: str = "Space") -> ModuleType:
+    """Return a stand-in for Minari, which loads the episodes of its last collector, changed."""
+    module = ModuleType("minari")
+    kept: list[Any] = []
+
+    class Collector(World):
+        """A world that keeps its episodes."""
+
+        def __init__(self, env: Any) -> None:
+            super().__init__()
+
+        def reset(self, seed: int) -> Any:
+            values = super().reset(seed)
+            kept.append({name: [] for name in ("actions", "rewards", "terminations", "truncations")})
+            kept[-1]["observations"] = [values[0]]
+            return values
+
+        def step(self, action: Any) -> Any:
+            values = super().step(action)
+            names = ("observations", "rewards", "terminations", "truncations")
+            for name, value in zip(names, values[:4], strict=True):
+                kept[-1][name].append(value)
+            kept[-1]["actions"].append(action)
+            return values
+
+        def create_dataset(self, name: str, **words: str) -> None:
+            """Do nothing: the episodes are kept."""
+
+    def load(name: str) -> Any:
+        return SimpleNamespace(
+            total_steps=1,
+            observation_space=spaces,
+            action_space="Space",
+            iterate_episodes=lambda: [SimpleNamespace(**episode) for episode in change(kept)],
+            recover_environment=World,
+        )
+
+    module.DataCollector, module.load_dataset, module.__version__ = Collector, load, "1"  # type: ignore[attr-defined]
+    return module
+
+
+def without_last_action(episodes: list[Any]) -> list[Any]:
+    """Return the episodes, the last action of the first changed."""
+    return [{**episodes[0], "actions": [*episodes[0]["actions"][:-1], numpy.zeros(2)]}, *episodes[1:]]
+
+
+@pytest.mark.parametrize(
+    ("change", "spaces", "code"),
+    [
+        (list, "Space", None),
+        (lambda episodes: episodes[:1], "Space", "minari.episodes"),
+        (without_last_action, "Space", "minari.differs"),
+        (list, "Box", "minari.spaces"),
+    ],
+    ids=["right", "episode lost", "action changed", "other space"],
+)
+def test_a_data_set_is_compared(
+    change: Any, spaces: str, code: str | None, cell: Import, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Episodes, values and spaces have to be those that were recorded."""
+    monkeypatch.setenv("MINARI_DATASETS_PATH", "")
+    monkeypatch.setitem(sys.modules, "minari", a_minari(change, spaces))
+
+    assert code_of(cell, cell("check_interop_minari_dataset")) == code
+
+
+def a_mo_gymnasium(change: Callable[[Any], Any]) -> ModuleType:
+    """Return a stand-in for MO-Gymnasium, whose vector environment changes the rewards."""
+    module = ModuleType("mo_gymnasium")
+
+    class Vector:
+        """Worlds in a row."""
+
+        def __init__(self, makers: Any) -> None:
+            self.worlds = [make() for make in makers]
+            self.action_space = SimpleNamespace(
+                seed=lambda seed: None, sample=lambda: numpy.ones((len(self.worlds), 2))
+            )
+
+        def reset(self, seed: int) -> None:
+            for number, world in enumerate(self.worlds):
+                world.reset(seed + number)
+
+        def step(self, actions: Any) -> Any:
+            values = [world.step(action) for world, action in zip(self.worlds, actions, strict=True)]
+            return None, change(numpy.array([value[1] for value in values])), None, None, {}
+
+        def close(self) -> None:
+            """Do nothing."""
+
+    module.MOSyncVectorEnv = Vector  # type: ignore[attr-defined]
+    return module
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda rewards: rewards, None),
+        (lambda rewards: rewards.sum(axis=1), "mo_gymnasium.shape"),
+        (lambda rewards: rewards[::-1], "mo_gymnasium.rewards"),
+    ],
+    ids=["right", "one number", "exchanged"],
+)
+def test_rewards_of_several_numbers_are_compared(
+    change: Any, code: str | None, cell: Import, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The rewards of a vector environment have to be those of single ones."""
+    monkeypatch.setitem(sys.modules, "mo_gymnasium", a_mo_gymnasium(change))
+
+    assert code_of(cell, cell("check_interop_mo_gymnasium_vector")) == code
+
+
+def code_of(cell: Import, check: Any) -> str | None:
+    """Run a check, and return the code of its violation."""
+    violation = cell("cell_errors").ContractViolation
+    try:
+        check.run(a_probe(), {})
+    except violation as error:
+        return str(error.observed["code"])
+    return None
