@@ -66,6 +66,8 @@ CheckName = Literal[
     "interop.sb3.check_env", "interop.sb3.learn",
     "interop.torchrl.gym", "interop.torchrl.gym_tensor", "interop.torchrl.isaaclab",
     "interop.torchrl.isaaclab_native", "interop.torchrl.backend",
+    "interop.sb3_contrib.learn", "interop.cleanrl.learn", "interop.tianshou.learn", "interop.rllib.learn",
+    "interop.skrl.learn", "interop.torchrl.learn",
 ]  # fmt: skip
 """A check that a case runs, or a phase for those of its checks that a case runs without being asked, `.*` for all."""
 
@@ -75,6 +77,7 @@ FindingName = Literal[
     "vector.repeat", "vector.autoreset",
     "render.constant", "render.stale", "render.upside_down", "render.picture", "render.teardown",
     "interop.torchrl.alias", "interop.torchrl.keys", "interop.torchrl.last", "interop.torchrl.reset",
+    "interop.cleanrl.log",
 ]  # fmt: skip
 """A finding of level warning, which a case can require not to be there."""
 
