@@ -99,7 +99,7 @@ def _update(torch, optimizer, agent, rows, done, following):
     returns = (advantages + values).flatten()
     advantages = advantages.flatten()
     advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
-    observations = observations.reshape((-1,) + observations.shape[2:])
+    observations = observations.reshape((-1, *observations.shape[2:]))
     news = torch.distributions.Categorical(logits=agent.actor(observations))
     ratio = (news.log_prob(actions.flatten()) - chances.flatten()).exp()
     policy_loss = torch.max(-advantages * ratio, -advantages * ratio.clamp(1 - CLIP, 1 + CLIP)).mean()
