@@ -255,7 +255,9 @@ def _cpu_build(gpu: Lock, asking: _Asking) -> Lock | Step:
     undated = (part for name in chosen for part in ("--exclude-newer-package", f"{name}=false"))
     same = [f"{name}=={Version(version).public}" for name, version in chosen.items()]
     answer = _attempt(asking.narrowed(same, ("--torch-backend", "cpu", *undated)))
-    return answer if isinstance(answer, Lock) and not _is_gpu(answer) else gpu
+    if isinstance(answer, Lock) and not _is_gpu(answer):
+        return answer
+    return _attempt(asking)  # once more, for its files: those of the last attempt are kept
 
 
 def _found_builds(asking: _Asking) -> list[Version]:
