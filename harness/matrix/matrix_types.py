@@ -394,7 +394,9 @@ class MatrixTable(Changes, frozen=True, kw_only=True):
     prerelease: Literal["disallow", "allow", "if-necessary", "explicit", "if-necessary-or-explicit"] = (
         "if-necessary-or-explicit"
     )
-    torch_backend: Annotated[TorchBackend | None, Meta(description="uv's; a CPU build by default")] = None
+    torch_backend: Annotated[TorchBackend | None, Meta(description="uv's; a CPU build by default, if there is one")] = (
+        None
+    )
     index: IndexSettings = IndexSettings()
     shown: Annotated[tuple[PackageName, ...], Meta(description="packages whose version tables show")] = ()
     pivot: Annotated[

@@ -238,9 +238,9 @@ class Repair:
 class Question:
     """The inputs of a resolution, except the interpreter: equal questions on one interpreter have one lock.
 
-    `snapshot` is the cutoff instant. `torch_backend` is uv's (`cpu`, `cu126`, ...); `cpu` is the default and is
-    without meaning where no torch is in the resolution. `absent` are packages that may not be in the lock, `overlay`
-    are repaired releases that it may hold.
+    `snapshot` is the cutoff instant. `torch_backend` is uv's (`cpu`, `cu126`, ...); `cpu` is the default: a CPU build
+    where one can be had. It is without meaning where no torch is in the resolution. `absent` are packages that may not
+    be in the lock, `overlay` are repaired releases that it may hold.
     """
 
     requirements: tuple[str, ...]

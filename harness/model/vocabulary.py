@@ -68,6 +68,8 @@ CheckName = Literal[
     "interop.supersuit.vec_env", "interop.supersuit.sb3_learn",
     "interop.torchrl.gym", "interop.torchrl.gym_tensor", "interop.torchrl.isaaclab",
     "interop.torchrl.isaaclab_native", "interop.torchrl.backend",
+    "interop.sb3_contrib.learn", "interop.cleanrl.learn", "interop.tianshou.learn", "interop.rllib.learn",
+    "interop.skrl.learn", "interop.torchrl.learn",
 ]  # fmt: skip
 """A check that a case runs, or a phase for those of its checks that a case runs without being asked, `.*` for all."""
 
@@ -78,6 +80,8 @@ FindingName = Literal[
     "render.constant", "render.stale", "render.upside_down", "render.picture", "render.teardown",
     "interop.torchrl.alias", "interop.torchrl.keys", "interop.torchrl.last", "interop.torchrl.reset",
     "interop.gymnasium.make_vec",
+
+    "interop.cleanrl.log",
 ]  # fmt: skip
 """A finding of level warning, which a case can require not to be there."""
 

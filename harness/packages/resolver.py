@@ -2,7 +2,8 @@
 
 Two things uv does not do for us. Its cache of sdist metadata knows nothing of build constraints, build variables or
 the Python that built them, so a resolution that looked into an sdist is made again in a cache of its own. And torch
-is a GPU build unless it is asked otherwise: ours is a CPU build unless the question says otherwise.
+is a GPU build unless it is asked otherwise: ours is a CPU build, where one can be had, unless the question says
+otherwise. Elsewhere it is the index's own build: it is larger by gigabytes, and runs without a GPU, too.
 """
 
 from __future__ import annotations
@@ -30,11 +31,6 @@ TORCH = ("torch", "torchvision", "torchaudio")
 
 DEFAULT_PRERELEASE = "if-necessary-or-explicit"
 """What uv does when it is told nothing; newer releases call it `if-necessary` and complain of the old name."""
-
-NO_CPU_TORCH = (
-    "no CPU build of torch {version} for Python {python} can be reached: set UV_FIND_LINKS to a folder that holds one, "
-    "or ask for a GPU build with torch_backend"
-)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -246,7 +242,10 @@ def _gpu_asked(question: Question) -> bool:
 
 
 def _cpu_build(gpu: Lock, asking: _Asking) -> Lock | Step:
-    """Resolve anew with a CPU build: from a find-links folder, else from uv's backend, which is another index."""
+    """Resolve anew with a CPU build: from a find-links folder, else from uv's backend, which is another index.
+
+    Where neither has one, return the lock with the index's own build, as a user gets it who asks for `torch`.
+    """
     for version in _found_builds(asking):
         answer = _attempt(asking.narrowed([f"torch=={version}"]))
         if isinstance(answer, Lock) or answer.outcome is not Outcome.FAILED:
@@ -258,8 +257,7 @@ def _cpu_build(gpu: Lock, asking: _Asking) -> Lock | Step:
     answer = _attempt(asking.narrowed(same, ("--torch-backend", "cpu", *undated)))
     if isinstance(answer, Lock) and not _is_gpu(answer):
         return answer
-    decisive = NO_CPU_TORCH.format(version=Version(chosen["torch"]).public, python=asking.interpreter.minor)
-    return Step(phase=Phase.RESOLVE, outcome=Outcome.UNAVAILABLE, decisive=decisive)
+    return _attempt(asking)  # once more, for its files: those of the last attempt are kept
 
 
 def _found_builds(asking: _Asking) -> list[Version]:

@@ -1,7 +1,7 @@
 """Resolutions by the real uv, over fakes in a folder and over little indexes on the loopback."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from asking import expect_failure, expect_lock, question, send
 
 from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
 from harness.model.errors import BadInput
-from harness.packages import resolver
+from harness.packages import resolver, uv_command
 
 pytestmark = pytest.mark.usefixtures("workplace")
 
@@ -370,14 +370,27 @@ class TestTorch:
 
         assert self.torch(ask, gpu) == "2.5+cpu"
 
-    def test_no_cpu_build(self, ask: Callable[..., Lock | Step], gpu: Path, host: Interpreter) -> None:
-        """If no CPU build can be reached, the cell is unavailable on this machine; the line says what to set."""
-        assert self.torch(ask, gpu) == (
-            Phase.RESOLVE,
-            Outcome.UNAVAILABLE,
-            f"no CPU build of torch 2.6 for Python {host.minor} can be reached: set UV_FIND_LINKS to a folder that "
-            "holds one, or ask for a GPU build with torch_backend",
-        )
+    def test_no_cpu_build(self, ask: Callable[..., Lock | Step], gpu: Path) -> None:
+        """If no CPU build can be reached, the index's own build is taken, which runs without a GPU, too."""
+        assert self.torch(ask, gpu) == "2.6"
+
+    def test_backend_that_cannot_be_reached(
+        self, ask: Callable[..., Lock | Step], gpu: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """If uv fails to ask its backend, the lock and the file beside its log are those of the index's own build."""
+        compile_lock = uv_command.compile_lock
+
+        def refuse(
+            call: uv_command.Call, interpreter: Interpreter, arguments: Iterable[str], output: Path
+        ) -> uv_command.Result:
+            if "--torch-backend" in (asked := tuple(arguments)):
+                return uv_command.Result(ok=False, text="error: Failed to fetch the index")
+            return compile_lock(call, interpreter, asked, output)
+
+        monkeypatch.setattr(uv_command, "compile_lock", refuse)
+
+        assert self.torch(ask, gpu) == "2.6"
+        assert 'version = "2.6"' in (tmp_path / "state" / "x" / "pylock.toml").read_text()
 
     def test_gpu_build_where_asked_for(self, ask: Callable[..., Lock | Step], gpu: Path) -> None:
         """A GPU build is taken where the question asks for any."""
