@@ -114,8 +114,8 @@ def section(answer: Answer) -> str:
     """Return the part of the page about one question."""
     question, lines = answer.question, answer.text.rstrip().replace("```", "'''").splitlines()
     shown = [f"$ {answer.command}", *lines[:LINES], *(["..."] if len(lines) > LINES else [])]
-    asked = f"[{question['text']}]({question['link']}) ({question['date']}): **{answer.verdict}**."
-    return "\n".join([f"## {question['id']}\n", f"{asked}\n", "```", *shown, "```\n"])
+    sentence = f"[{question['text']}]({question['link']}) ({question['date']}): **{answer.verdict}**."
+    return "\n".join([f"## {question['id']}\n", f"{sentence}\n", "```", *shown, "```\n"])
 
 
 if __name__ == "__main__":
