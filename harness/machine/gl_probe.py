@@ -1,8 +1,8 @@
 """Ask a way of rendering to describe itself, by really making a context: `python -I -S gl_probe.py WAY ANSWER`.
 
-WAY is `egl`, `osmesa`, `display`, `glu`, or `device` with a place in EGL's list: `device:1`. The answer is a JSON
-object in the file ANSWER: what the driver says of itself, or `missing`: why there is none. Standard library only; run
-in a process of its own, since drivers crash, hang and print.
+WAY is `egl`, `osmesa`, `display`, `glu`, `vulkan`, or `device` with a place in EGL's list: `device:1`. The answer is a
+JSON object in the file ANSWER: what the driver says of itself, or `missing`: why there is none. Standard library only;
+run in a process of its own, since drivers crash, hang and print.
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ OSMESA_RGBA, GL_UNSIGNED_BYTE = 0x1908, 0x1401
 GLX_DRAWABLE_TYPE, GLX_PBUFFER_BIT, GLX_RENDER_TYPE, GLX_RGBA_BIT, GLX_RGBA_TYPE = 0x8010, 4, 0x8011, 1, 0x8014
 GLX_PBUFFER_WIDTH, GLX_PBUFFER_HEIGHT = 0x8041, 0x8040
 MOST_DEVICES = 32
+VK_APPLICATION_INFO, VK_INSTANCE_CREATE_INFO, VK_API_1_1 = 0, 1, 1 << 22 | 1 << 12
+VK_PROPERTIES_2, VK_DRIVER_PROPERTIES = 1000059001, 1000196000
 STRINGS = {"vendor": 0x1F00, "renderer": 0x1F01, "version": 0x1F02}
 
 
@@ -216,7 +218,83 @@ def glu() -> dict[str, str]:
     return {}
 
 
-WAYS = {"egl": egl, "osmesa": osmesa, "display": display, "glu": glu}
+class Application(ctypes.Structure):
+    """VkApplicationInfo: which version of Vulkan is spoken."""
+
+    _fields_ = (
+        ("kind", c_uint),
+        ("next", c_void_p),
+        ("name", c_char_p),
+        ("version", c_uint),
+        ("engine", c_char_p),
+        ("engine_version", c_uint),
+        ("api", c_uint),
+    )
+
+
+class Instance(ctypes.Structure):
+    """VkInstanceCreateInfo, without layers or extensions."""
+
+    _fields_ = (
+        ("kind", c_uint),
+        ("next", c_void_p),
+        ("flags", c_uint),
+        ("application", POINTER(Application)),
+        ("layers", c_uint),
+        ("layer_names", c_void_p),
+        ("extensions", c_uint),
+        ("extension_names", c_void_p),
+    )
+
+
+class Driver(ctypes.Structure):
+    """VkPhysicalDeviceDriverProperties: the driver's own words."""
+
+    _fields_ = (
+        ("kind", c_uint),
+        ("next", c_void_p),
+        ("id", c_uint),
+        ("name", ctypes.c_char * 256),
+        ("info", ctypes.c_char * 256),
+        ("conformance", ctypes.c_ubyte * 4),
+    )
+
+
+class Properties(ctypes.Structure):
+    """VkPhysicalDeviceProperties2; the limits at its end are not read."""
+
+    _fields_ = (
+        ("kind", c_uint),
+        ("next", c_void_p),
+        ("numbers", c_uint * 5),
+        ("device", ctypes.c_char * 256),
+        ("rest", ctypes.c_ubyte * 1024),
+    )
+
+
+def vulkan() -> dict[str, str]:
+    """Describe the first device of Vulkan's, be it a GPU or software."""
+    library = load("libvulkan.so.1")
+    application = Application(kind=VK_APPLICATION_INFO, api=VK_API_1_1)
+    instance, count = c_void_p(), c_uint()
+    wanted = Instance(kind=VK_INSTANCE_CREATE_INFO, application=ctypes.pointer(application))
+    if library.vkCreateInstance(byref(wanted), None, byref(instance)):
+        message = "no driver makes a Vulkan instance"
+        raise MissingError(message)
+    library.vkEnumeratePhysicalDevices(instance, byref(count), None)
+    devices = (c_void_p * max(count.value, 1))()
+    library.vkEnumeratePhysicalDevices(instance, byref(count), devices)
+    if not count.value:
+        message = "no driver has a Vulkan device"
+        raise MissingError(message)
+    driver = Driver(kind=VK_DRIVER_PROPERTIES)
+    properties = Properties(kind=VK_PROPERTIES_2, next=ctypes.addressof(driver))
+    library.vkGetPhysicalDeviceProperties2(c_void_p(devices[0]), byref(properties))
+    texts = {"vendor": driver.name, "renderer": properties.device, "version": driver.info}
+    return {name: text.decode("utf-8", "replace") for name, text in texts.items()}
+
+
+WAYS = {"egl": egl, "osmesa": osmesa, "display": display, "glu": glu, "vulkan": vulkan}
 
 
 def main(way: str, answer: str) -> None:

@@ -33,6 +33,11 @@ HINTS = {
     "osmesa": ("OSMesa", "install Debian's libosmesa6"),
     "display": ("X display", "install Debian's xvfb and libgl1-mesa-dri, or run where DISPLAY names an X server"),
     "glu": ("GLU", "install Debian's libglu1-mesa"),
+    "vulkan": (
+        "Vulkan device",
+        "install Debian's libvulkan1 and mesa-vulkan-drivers (software; SAPIEN needs those of Debian 13 or later), "
+        "or the GPU vendor's driver",
+    ),
     "gpu": ("NVIDIA GPU", "run on a machine that has one, with its driver"),
 }
 """What a matrix may name under `needs`: what it is called, and what to do where it is missing."""
@@ -43,18 +48,17 @@ ENVIRONMENT = {
 }
 """What every cell and every build has, whoever starts it."""
 
+VULKAN = ("VK_DRIVER_FILES", "VK_ICD_FILENAMES")
+"""Variables that say which drivers of Vulkan's there are."""
+
 PASSED = {
     "": (  # where the OpenGL drivers lie, where that is not the usual place
         "__EGL_VENDOR_LIBRARY_FILENAMES",
         "__EGL_VENDOR_LIBRARY_DIRS",
         "LIBGL_DRIVERS_PATH",
     ),
-    "gpu": (  # which GPU of a shared machine is ours, and which drivers of Vulkan's draw
-        "CUDA_VISIBLE_DEVICES",
-        "CUDA_DEVICE_ORDER",
-        "VK_DRIVER_FILES",
-        "VK_ICD_FILENAMES",
-    ),
+    "vulkan": VULKAN,
+    "gpu": ("CUDA_VISIBLE_DEVICES", "CUDA_DEVICE_ORDER", *VULKAN),  # which GPU of a shared machine is ours
 }
 """The user's variables that a cell sees: always, or if it has that need. Not LD_LIBRARY_PATH, which would put other
 libraries under the ones being tested: a matrix may set it."""
@@ -219,7 +223,7 @@ def _parts() -> dict[str, dict[str, str]]:
         return record.parts
     from concurrent.futures import ThreadPoolExecutor  # noqa: PLC0415 - start-up
 
-    ways = ("egl", "osmesa", "glu")
+    ways = ("egl", "osmesa", "glu", "vulkan")
     process.sandbox_mode()  # found out once, not by each thread
     with ThreadPoolExecutor(len(ways) + 1) as pool:
         shown = pool.submit(_ask_display)
@@ -246,6 +250,9 @@ def _marks() -> list[str]:
         "etc/ld.so.cache",
         "usr/share/glvnd/egl_vendor.d/*",
         "etc/glvnd/egl_vendor.d/*",
+        "usr/share/vulkan/icd.d/*",
+        "usr/local/share/vulkan/icd.d/*",
+        "etc/vulkan/icd.d/*",
         "usr/lib/dri",
         "usr/lib/*/dri",
         "proc/driver/nvidia/version",
@@ -260,7 +267,7 @@ def _marks() -> list[str]:
         platform.release(),
         boot.read_text() if boot.exists() else "",
         *(f"{path} {path.stat().st_mtime_ns}" for path in paths if path.exists()),
-        *(f"{name}={value}" for name, value in {**base_environment(), **display.authority()}.items()),
+        *(f"{name}={value}" for name, value in {**base_environment(("vulkan",)), **display.authority()}.items()),
         *(str(found) for found in (display.users(), display.program(), shutil.which("nvidia-smi"))),
         *process.confinement(),
     ]
@@ -286,7 +293,7 @@ def _ask(way: str, screen: str = "") -> tuple[dict[str, str], bool]:
         home.mkdir()
         answer = home / "answer.json"
         argv = (sys.executable, "-I", "-S", str(PROBE), way, str(answer))
-        command = _command(argv, {**base_environment(), display.VARIABLE: screen}, home, Profile.CELL)
+        command = _command(argv, {**base_environment((way,)), display.VARIABLE: screen}, home, Profile.CELL)
         try:
             with display.open_display(command, home / "display") as seen:
                 done = run(seen.command)

@@ -32,6 +32,7 @@ class Capability(StrEnum):
     OSMESA = "osmesa"
     DISPLAY = "display"
     GLU = "glu"
+    VULKAN = "vulkan"
     GPU = "gpu"
 
 

@@ -68,6 +68,17 @@ class TestFacts:
         assert "egl" not in found.capabilities
         assert set(found.facts["egl"]) == {"missing"}
 
+    @pytest.mark.parametrize("variable", this_machine.VULKAN)
+    def test_vulkan_driver_that_is_not_there(self, variable: str, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Without a Vulkan driver, or without Vulkan's library, nothing draws with it, and the reason is kept."""
+        monkeypatch.setenv(variable, "/nowhere.json")
+
+        found = this_machine.facts()
+
+        assert "vulkan" not in found.capabilities
+        assert found.facts["vulkan"]["missing"] in {"no libvulkan.so.1", "no driver makes a Vulkan instance"}
+        assert (this_machine.describe_missing(("vulkan",)) or "").startswith("no Vulkan device here (no ")
+
     @pytest.mark.usefixtures("xvfb")
     def test_display_of_our_own_comes_first(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """The renderer of a display is found on a virtual display, even if the user has one."""
@@ -244,10 +255,13 @@ class TestEnvironment:
             {"PYTHONPATH": "/x", "LD_LIBRARY_PATH": "/x", "PIP_INDEX_URL": "x", "PATH": "/x", "LANG": "xx"}
         )
         os.environ.update({"CUDA_VISIBLE_DEVICES": "3", "DISPLAY": ":1", "LIBGL_DRIVERS_PATH": "/drivers"})
+        os.environ["VK_ICD_FILENAMES"] = "/vulkan.json"
         always = {"PATH": this_machine.ENVIRONMENT["PATH"], "LANG": "C.UTF-8", "LIBGL_DRIVERS_PATH": "/drivers"}
 
         assert this_machine.base_environment() == always
-        assert this_machine.base_environment(("gpu",)) == always | {"CUDA_VISIBLE_DEVICES": "3"}
+        vulkan = {"VK_ICD_FILENAMES": "/vulkan.json"}
+        assert this_machine.base_environment(("vulkan",)) == always | vulkan
+        assert this_machine.base_environment(("gpu",)) == always | {"CUDA_VISIBLE_DEVICES": "3"} | vulkan
         assert this_machine.base_environment(("display",)) == always
 
 
@@ -269,7 +283,7 @@ class TestMissing:
             "no X display here (no Xvfb): install Debian's xvfb and libgl1-mesa-dri, "
             "or run where DISPLAY names an X server; "
             f"no EGL here ({reason}): install Debian's libegl1 and libgl1-mesa-dri, or the GPU vendor's driver; "
-            "unknown need 'gpus'; choose from egl, osmesa, display, glu, gpu"
+            "unknown need 'gpus'; choose from egl, osmesa, display, glu, vulkan, gpu"
         )
 
 

@@ -84,7 +84,12 @@ def test_a_changed_check_measures_that_check_alone(
     [
         ("api_pybullet.py", "import_module", "import_modul", ("pybullet",)),
         ("cell_cartpole.py", "def ", "def a", ("isaaclab",)),
-        ("cell_batched_worlds.py", "def ", "def a", ("brax", "isaaclab", "mjx", "mujoco_warp", "newton", "tensor")),
+        (
+            "cell_batched_worlds.py",
+            "def ",
+            "def a",
+            ("brax", "isaaclab", "mani_skill", "mjx", "mujoco_warp", "newton", "tensor"),
+        ),
     ],
 )
 def test_a_changed_adapter_measures_its_own_cells_alone(
