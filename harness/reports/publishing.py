@@ -13,7 +13,7 @@ from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from stat import S_ISDIR
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -27,6 +27,7 @@ from harness.machine.store import Store
 from harness.model import Cell, CellRecord, Plan, Verdict
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.model.report_types import Document, format_count
+from harness.model.vocabulary import IMPORT_CHECK
 from harness.probes import launch
 from harness.probes.evidence import REPLY
 from harness.probes.vault import Vault
@@ -293,17 +294,28 @@ def copy_file(source: str | Path, target: str | Path) -> bool:
 
 
 def readable(reply: bytes) -> bytes:
-    """Return a reply without its long lists of numbers: they are for programs, which find them in the pack."""
+    """Return the lines of a reply that say what was imported, what failed and what was noticed.
+
+    All else is in the pack: checks that passed, the files of the harness that ran, and long lists of numbers.
+    """
     return b"".join(map(_short, reply.splitlines(keepends=True)))
 
 
 def _short(line: bytes) -> bytes:
     try:
         record = msgspec.json.decode(line)
+        if record["kind"] == "start" or (record["kind"] == "check" and _went_well(record)):
+            return b""
+        if record["kind"] == "end":
+            return msgspec.json.encode({name: fact for name, fact in record.items() if name != "modules"}) + b"\n"
         facts = {name: fact for name, fact in record["facts"].items() if name not in BULKY}
     except (msgspec.DecodeError, TypeError, LookupError, AttributeError):  # a cell may have written anything
         return line
     return line if facts == record["facts"] else msgspec.json.encode({**record, "facts": facts}) + b"\n"
+
+
+def _went_well(record: dict[str, Any]) -> bool:
+    return record["outcome"] in document.WITHOUT_TEXTS and record["check"] != IMPORT_CHECK
 
 
 def _same(there: os.stat_result, target: str | Path) -> bool:

@@ -46,16 +46,26 @@ def test_equal_frames_are_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert sorted(written) == sorted({Path(name).name for name in names})
 
 
-def test_the_copy_of_a_reply_has_no_long_lists_of_numbers(tmp_path: Path) -> None:
-    """A report's folder holds what a reader needs; the numbers stay in the state folder and in the pack."""
+def test_the_copy_of_a_reply_has_what_a_reader_needs(tmp_path: Path) -> None:
+    """The copy beside a report holds failures and findings; numbers and all that passed stay in the pack."""
     source = tmp_path / "evidence" / "1"
     source.mkdir(parents=True)
-    reply = b'{"check": "single.loop", "facts": {"values": {"entries": [[1.5]]}, "exercised": ["mujoco"]}}\n'
-    others = b'{"kind": "hello", "pid": 2}\nno json at all\n{"facts": 3}\n'
-    (source / "reply.jsonl").write_bytes(others + reply)
+    failed = (
+        b'{"kind": "check", "check": "single.loop", "outcome": "failed", "facts": {"values": [1.5], "gl": "egl"}}\n'
+    )
+    imported = (
+        b'{"kind": "check", "check": "import.modules", "outcome": "passed", "facts": {"seconds": {"mujoco": 1}}}\n'
+    )
+    others = b'{"kind": "hello", "pid": 2}\n{"kind": "finding", "facts": {}}\nno json at all\n{"facts": 3}\n'
+    gone = (
+        b'{"kind": "start", "check": "single.loop"}\n{"kind": "check", "check": "single.loop", "outcome": "passed"}\n'
+    )
+    end = b'{"kind": "end", "modules": ["api_gym.py"], "versions": {"gym": "0.21.0"}}\n'
+    (source / "reply.jsonl").write_bytes(gone + imported + others + failed + end)
 
     assert publishing.copy_file(source, tmp_path / "copy")
 
     copied = (tmp_path / "copy" / "reply.jsonl").read_bytes()
-    assert copied == others + b'{"check":"single.loop","facts":{"exercised":["mujoco"]}}\n'
-    assert (source / "reply.jsonl").read_bytes() == others + reply
+    shown = b'{"kind":"check","check":"single.loop","outcome":"failed","facts":{"gl":"egl"}}\n'
+    assert copied == imported + others + shown + b'{"kind":"end","versions":{"gym":"0.21.0"}}\n'
+    assert (source / "reply.jsonl").read_bytes() == gone + imported + others + failed + end
