@@ -145,8 +145,8 @@ def _at_hand(result: CellResult, before: Project, targets: Iterable[str]) -> boo
 def _names(results: Iterable[CellResult], project: Project, targets: Iterable[str], env: str | None) -> set[str]:
     """Return the environments that work in cells that a project admits, and use one of the targets."""
     fitting = [result for result in results if measured_sets.fits(result, project, any_python=True)]
-    tasks = measured_sets.tasks(fitting, project, env)
-    return {name for name, task in tasks.items() if task.works and _uses(task, targets)}
+    tasks = (task for result in fitting for task in measured_sets.tasks([result], project, env).values())
+    return {task.env for task in tasks if task.works and _uses(task, targets)}
 
 
 def _tasks_with(
@@ -154,16 +154,16 @@ def _tasks_with(
 ) -> list[RunningTask]:
     """Return the environments that were run with the targets, on the Python of a project where there are any.
 
-    Where none was run with a release of a light package, another one of its generation may stand for it.
+    Where one was not run with a release of a light package, another one of its generation may stand for it.
     """
+    tasks: dict[str, Task] = {}
     for exactly in (True, False):
         having = [result for result in results if _has_all(result, targets, exactly=exactly)]
         fitting = [result for result in having if measured_sets.fits(result, after)]
         fitting = fitting or [result for result in having if measured_sets.fits(result, after, any_python=True)]
-        tasks = [task for task in measured_sets.tasks(fitting, after, env).values() if _uses(task, targets)]
-        if tasks:
-            return [_describe(task, after) for task in tasks]
-    return []
+        nearest = measured_sets.tasks(fitting, after, env)
+        tasks = {name: task for name, task in nearest.items() if _uses(task, targets)} | tasks
+    return [_describe(task, after) for task in tasks.values()]
 
 
 def _describe(task: Task, after: Project) -> RunningTask:

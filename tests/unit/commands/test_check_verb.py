@@ -236,10 +236,11 @@ def test_a_package_that_is_pulled_along(capsys: pytest.CaptureFixture[str], fres
 
 
 def test_numpy_2_beside_gym(capsys: pytest.CaptureFixture[str], fresh: Path) -> None:
-    """No cell has gym 0.26.2 with the newest NumPy; those with another NumPy 2 stand for it, and fail."""
+    """Few tasks of gym 0.26.2 were run with the newest NumPy; other NumPy 2 stand for it, and all fail."""
     code, document = upgrade(capsys, "numpy", "-r", written(fresh, "gym==0.26.2\nnumpy==1.26.4\n"))
 
     fails = [task for task in document["running"] if not task["works"]]
     assert code == 1
-    assert fails
-    assert all("bool8" in task["line"] and task["other_versions"]["numpy"].startswith("2.") for task in fails)
+    assert len(fails) > 1
+    assert all("bool8" in task["line"] for task in fails)
+    assert {task["other_versions"].get("numpy", "2.")[:2] for task in fails} == {"2."}
