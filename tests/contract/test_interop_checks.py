@@ -74,9 +74,9 @@ class World:
         """Do nothing."""
 
 
-def a_probe() -> Any:
+def a_probe(world: type = World) -> Any:
     """Return a probe of such a world."""
-    api = SimpleNamespace(make_raw=lambda case: World(), limit_steps=lambda raw, steps: raw)
+    api = SimpleNamespace(make_raw=lambda case: world(), limit_steps=lambda raw, steps: raw)
     return SimpleNamespace(case={"seed": 7, "steps": 5, "kwargs": {}}, api=api, num_envs=3)
 
 
@@ -192,11 +192,93 @@ def test_rewards_of_several_numbers_are_compared(
     assert code_of(cell, cell("check_interop_mo_gymnasium_vector")) == code
 
 
-def code_of(cell: Import, check: Any) -> str | None:
+class Team:
+    """Two agents that act at once; each observes its place plus the steps, and earns its action."""
+
+    possible_agents = ("one", "two")
+
+    def __init__(self) -> None:
+        self.spaces = {agent: Space() for agent in self.possible_agents}
+        self.agents = list(self.possible_agents)
+        self.state = 0
+
+    def observation_space(self, agent: str) -> Any:
+        """Return the space of what an agent observes."""
+        return self.spaces[agent]
+
+    action_space = observation_space
+
+    def reset(self, seed: int) -> Any:
+        """Start an episode."""
+        self.state = seed
+        return self._observe(), {}
+
+    def step(self, actions: Any) -> Any:
+        """Make a step."""
+        self.state += 1
+        return self._observe(), {agent: action[0] for agent, action in actions.items()}, {}, {}, {}
+
+    def _observe(self) -> Any:
+        return {agent: numpy.full(2, self.state + place) for place, agent in enumerate(self.agents)}
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+def a_supersuit(change: Callable[[Any, Any], Any]) -> ModuleType:
+    """Return a stand-in for SuperSuit, whose vector environment changes observations and rewards."""
+    module = ModuleType("supersuit")
+
+    class Vector:
+        """The agents of all copies in a row."""
+
+        def __init__(self, copies: int) -> None:
+            self.teams = [Team() for _ in range(copies)]
+
+        def reset(self, seed: int) -> Any:
+            rows = [row for team in self.teams for row in team.reset(seed)[0].values()]
+            return change(numpy.array(rows), None)[0], {}
+
+        def step(self, actions: Any) -> Any:
+            pairs = zip(self.teams, actions.reshape(len(self.teams), 2, 2), strict=True)
+            values = [team.step(dict(zip(team.agents, pair, strict=True)))[:2] for team, pair in pairs]
+            rows, earned = ([each for value in values for each in value[part].values()] for part in (0, 1))
+            ends = numpy.zeros(len(rows), bool)
+            return *change(numpy.array(rows), numpy.array(earned)), ends, ends, {}
+
+        def close(self) -> None:
+            """Do nothing."""
+
+    module.__version__ = "1"  # type: ignore[attr-defined]
+    module.pettingzoo_env_to_vec_env_v1 = lambda env: env  # type: ignore[attr-defined]
+    module.concat_vec_envs_v1 = lambda env, copies, **words: Vector(copies)  # type: ignore[attr-defined]
+    return module
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda rows, earned: (rows, earned), None),
+        (lambda rows, earned: (rows[:2], earned), "supersuit.shape"),
+        (lambda rows, earned: (rows[::-1], earned), "supersuit.differs"),
+        (lambda rows, earned: (rows, None if earned is None else earned + 1), "supersuit.differs"),
+    ],
+    ids=["right", "copy lost", "agents exchanged", "other rewards"],
+)
+def test_a_vector_environment_of_agents_is_compared(
+    change: Any, code: str | None, cell: Import, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The first copy has to observe and earn what the environment itself gives."""
+    monkeypatch.setitem(sys.modules, "supersuit", a_supersuit(change))
+
+    assert code_of(cell, cell("check_interop_supersuit_vec_env"), Team) == code
+
+
+def code_of(cell: Import, check: Any, world: type = World) -> str | None:
     """Run a check, and return the code of its violation."""
     violation = cell("cell_errors").ContractViolation
     try:
-        check.run(a_probe(), {})
+        check.run(a_probe(world), {})
     except violation as error:
         return str(error.observed["code"])
     return None
