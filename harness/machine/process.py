@@ -39,6 +39,9 @@ UNSEALED = "subreaper"
 
 MOST_WRITTEN = 100
 FORCED = "HARNESS_SANDBOX"
+INTERRUPTED = "interrupted"
+"""Why `stop` ends what runs: the user wants it so."""
+
 CONFINING = (
     "/proc/sys/user/max_user_namespaces",
     "/proc/sys/user/max_mnt_namespaces",
@@ -285,7 +288,7 @@ def stop() -> None:
     with _gate:
         _stopped.set()
         for running in tuple(_live):
-            running.kill("interrupted")
+            running.kill(INTERRUPTED)
 
 
 def is_stopped() -> bool:

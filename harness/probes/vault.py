@@ -17,8 +17,10 @@ from pathlib import Path
 
 import msgspec
 
+from harness.machine import process
 from harness.machine.files import guarded_files
 from harness.machine.store import write_atomic, write_changed
+from harness.model.errors import CouldNotTell
 from harness.model.hostile_data import Unreadable, raise_unreadable
 from harness.probes.evidence import ARRAYS, PICTURE, ProbeRun, Reading, folder_of
 
@@ -49,7 +51,12 @@ class Vault:
         return name
 
     def put(self, run: ProbeRun, key: str) -> str:
-        """Keep a run as an answer to a key, and return its name."""
+        """Keep a run as an answer to a key, and return its name.
+
+        Raises CouldNotTell for a run that the user's own stop ended: it says nothing, and nobody may reuse it.
+        """
+        if run.end.killed == process.INTERRUPTED:
+            raise CouldNotTell(process.INTERRUPTED)
         name = self.keep(msgspec.json.encode(run, order="deterministic"))
         self._lay(name, run)
         # The key comes last: a kill before it leaves a run that nobody asks for, never a key without its run.

@@ -13,7 +13,7 @@ from functools import cache
 from harness.judging.runs.case import case_record, phases
 from harness.judging.runs.fold import MEASURED_AGAIN, REPEAT, CasePlan, Folded, add_run, fold, wanted_of
 from harness.judging.runs.todo import todo
-from harness.machine import source_digests
+from harness.machine import process, source_digests
 from harness.machine.store import digest
 from harness.model import CASE_PHASES, Case, CaseRecord, Outcome, Phase, PhaseRecord, Step
 from harness.probes import program
@@ -78,7 +78,9 @@ def _fold_runs(context: Context, case_plan: CasePlan, key: str) -> Folded:
     """Fold the stored runs that may be reused, and the runs of this process whatever their results; return the fold."""
     vault, mine = context.laboratory.vault, context.measured.get(key, ())
     before = () if context.fresh else [name for name in vault.runs(key) if name not in mine]
-    folded = fold(case_plan, vault.readings(before))
+    # Versions before 0.1 kept runs that the user's stop had ended.
+    whole = (reading for reading in vault.readings(before) if reading.run.end.killed != process.INTERRUPTED)
+    folded = fold(case_plan, whole)
     folded = folded.reusable(context.laboratory.host.conditions, failed_too=not context.again)
     # Added after `reusable`, which would drop a time-out of this process and have it measured a second time.
     return fold(case_plan, vault.readings(mine), folded)

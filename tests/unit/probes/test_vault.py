@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from readings import CASE, GOOD, HERE, lines, passed
 
+from harness.machine import process
+from harness.model.errors import CouldNotTell
 from harness.model.hostile_data import Unreadable
 from harness.probes.evidence import LOG, REPLY, ProbeRun, Request
 from harness.probes.vault import Vault, keep_files
@@ -46,6 +48,16 @@ def test_a_run_comes_back_as_it_was_kept(tmp_path: Path) -> None:
     assert (found.name, found.run) == (name, made)
     assert found.printed == "hello\n"
     assert [check.check for check in found.reply.checks] == ["import.modules"]
+
+
+def test_a_run_that_the_user_stopped_is_not_kept(tmp_path: Path) -> None:
+    """Its last check failed for no reason of its own: the next run would reuse that, and call the cell good."""
+    vault = Vault(tmp_path)
+    stopped = replace(run(vault), end=replace(GOOD, killed=process.INTERRUPTED))
+
+    with pytest.raises(CouldNotTell, match="interrupted"):
+        vault.put(stopped, KEY)
+    assert vault.runs(KEY) == ()
 
 
 def test_a_second_measurement_is_a_second_run(tmp_path: Path) -> None:
