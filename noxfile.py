@@ -58,6 +58,13 @@ def history(session: nox.Session) -> None:
 
 
 @nox.session(python="3.11")
+def newest(session: nox.Session) -> None:
+    """Newest releases together: what is broken today, whose bound holds what back; `-- NAME` for one package."""
+    session.install("-e", ".[dev]")
+    session.run("python", "-m", "benchmarks.newest", *session.posargs)
+
+
+@nox.session(python="3.11")
 def report(session: nox.Session) -> None:
     """Tables of what was measured here."""
     session.install("-e", ".")

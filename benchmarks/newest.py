@@ -68,8 +68,8 @@ class Bound:
     @property
     def who(self) -> str:
         """Return who asks for an older release, with the bound; empty if the resolver does not say."""
-        found = re.search(CAP.format(re.escape(self.neighbour)), self.line)
-        return f"{found['who']} ({found['bound'].rstrip(',')})" if found else ""
+        hit = re.search(CAP.format(re.escape(self.neighbour)), self.line)
+        return f"{hit['who']} ({hit['bound'].rstrip(',')})" if hit else ""
 
 
 # --- the cells -------------------------------------------------------------------------------------------------
@@ -100,8 +100,8 @@ def _subject(package: str, cell: Cell, case: Case, instant: str) -> Subject:
     extras = {canonicalize_name(one.name): f"[{','.join(sorted(one.extras))}]" if one.extras else "" for one in named}
     requirements = tuple(f"{name}{extra}" for name, extra in {package: "", **extras}.items())
     bare = replace(cell.question, requirements=requirements, constraints=(), overrides=(), absent=(), snapshot=instant)
-    made = replace(cell, id=f"{NAME}/{package}", matrix=NAME, question=bare, cases=(case,), expect=None, axes={})
-    return Subject(package=package, cell=made, neighbours=tuple(dict.fromkeys((package, *extras))))
+    bare_cell = replace(cell, id=f"{NAME}/{package}", matrix=NAME, question=bare, cases=(case,), expect=None, axes={})
+    return Subject(package=package, cell=bare_cell, neighbours=tuple(dict.fromkeys((package, *extras))))
 
 
 def required(subject: Subject, neighbour: str, newest: str) -> Cell:
@@ -160,21 +160,21 @@ def bounds(subjects_at_hand: Sequence[Subject], today: Mapping[str, CellRecord])
         for make in (required, in_spite)
     }
     records = measure(list(cells.values()))
-    found: dict[str, list[Bound]] = {}
+    by_package: dict[str, list[Bound]] = {}
     for (package, neighbour), newest in held.items():
-        asked, all_the_same = (
+        with_it_required, all_the_same = (
             records.get(cells[(package, neighbour), make.__name__].id) for make in (required, in_spite)
         )
-        found.setdefault(package, []).append(
+        by_package.setdefault(package, []).append(
             Bound(
                 neighbour=neighbour,
                 held=(today[by_name[package].cell.id].installed or {})[neighbour],
                 newest=newest,
-                line=(assess(asked).decisive or "") if asked else "",
+                line=(assess(with_it_required).decisive or "") if with_it_required else "",
                 spite=assess(all_the_same) if all_the_same else None,
             )
         )
-    return found
+    return by_package
 
 
 # --- the page --------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from .cell_errors import library, violate
 from .cell_values import describe_value
 
 PACKAGES = {"mani-skill": "mani_skill"}
+IDS = r"[A-Z]\w*-v\d+"
 EXAMPLE = "mani_skill:PickCube-v1"
 NATIVE_ERRORS = (r"\[[\d: .-]+\] \[(?:svulkan2|SAPIEN)\] \[(?:error|critical)\] .+",)
 

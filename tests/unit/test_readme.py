@@ -56,7 +56,7 @@ def test_its_strategies_can_be_read() -> None:
     axes = 'axes = { python = ["3.11"], gymnasium = ["1.2.3"], mujoco = ["3.3.7"] }'
     cases = 'cases = [{ env = "Ant-v5", api = "gymnasium" }]'
 
-    assert len(lines) == 4
+    assert len(lines) == 5
     assert all(matrix_file.read(f"{line}\n{axes}\n{cases}\n", "m.toml").strategy for line in lines)
 
 

@@ -49,8 +49,12 @@ class Failure(NamedTuple):
     last: str
 
 
-OPTIONAL = re.compile(r"^Failed to import (?:mujoco_)?warp: No module named .*\n?", re.MULTILINE)
-"""A line that MuJoCo's MJX prints where Warp, which it can do without, is not installed."""
+OPTIONAL = re.compile(
+    r"^Failed to import (?:mujoco_)?warp: No module named .*\n?"
+    r"|^\[.* E \d+ \d+\] .*Failed to establish connection to the metrics exporter agent.*\n?",
+    re.MULTILINE,
+)
+"""Lines about what a library can do without: of MuJoCo's MJX without Warp, of Ray without its metrics."""
 
 
 def read_failure(text: str, *, surely: bool = False) -> Failure:

@@ -141,7 +141,17 @@ def test_a_code_is_recognised_whatever_its_sentence(one: Signature) -> None:
     sighting = Sighting(observed=seen, line="in other words", is_reason=True)
     phase = Phase(one.phases[0])
     told = Evidence(phase=phase, reasons=("in other words",), observed=(sighting,))
-    around = Around(installed={"metaworld": "3", "mujoco": "3", "numpy": "2", "torchrl": "0.8", "panda-gym": "2"})
+    around = Around(
+        installed={
+            "metaworld": "3",
+            "mujoco": "3",
+            "numpy": "2",
+            "torchrl": "0.8",
+            "panda-gym": "2",
+            "gymnasium": "1.2.3",
+            "envpool": "0.8.4",
+        }
+    )
     found = diagnose([msgspec.structs.replace(one, generic=False)], [told], around)
     assert [(hit.signature.id, hit.seen, hit.is_reason) for hit in found] == [(one.id, "in other words", True)]
     other = Evidence(phase=phase, reasons=(words.sentence(seen),), observed=())
