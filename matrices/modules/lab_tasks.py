@@ -13,7 +13,7 @@ def robosuite_lift(**options):
         has_offscreen_renderer=False,
         use_camera_obs=False,
         horizon=options.pop("horizon", 100),
-        **options
+        **options,
     )
     return GymWrapper(env)
 
