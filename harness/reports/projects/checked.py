@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -22,6 +23,12 @@ from harness.running.signatures import issue_texts
 from harness.standalone.versions import is_version, specifiers, version
 
 FEW = 3
+LACKING = re.compile(
+    r"(\w+\.)*(NameNotFound|NamespaceNotFound|VersionNotFound|DeprecatedEnv|UnregisteredEnv|DependencyNotInstalled)\b"
+    r"|.*Unable to find (the )?game"
+)
+"""Errors of gym and gymnasium for an id that nothing registers, and for a package or a ROM of one task alone."""
+
 UPPER = frozenset({"<", "<=", "~=", "!="})
 """Operators by which a project keeps newer releases out; a pin is its own answer."""
 
@@ -87,7 +94,7 @@ def _of_set(each: MeasuredSet, project: Project, env: str | None) -> Iterator[Ch
         newest = max(_newness(result, each.names) for result in good)
         alike = [result for result in good if _newness(result, each.names) == newest]
         yield _good(each, [task for task in _tasks_of(alike, project, env) if task.works], project)
-    broken = [trap for trap in traps.find_traps(fitting, _query(each, project, env)) if _counts(trap, good)]
+    broken = [trap for trap in traps.find_traps(fitting, _query(each, project, env)) if _counts(trap, good) and (env or not _lacks(trap.line))]
     yield from (_admits(each, trap, fitting, project, env) for trap in broken)
     yield from _excludes(each, fitting, project)
 
@@ -99,7 +106,12 @@ def _tasks_of(results: Sequence[CellResult], project: Project, env: str | None) 
     is imported, counts only if it is the one in question.
     """
     tasks = measured_sets.tasks(results, project, env).values()
-    return [task for task in tasks if task.works or env or not _of_table(task.result)]
+    return [task for task in tasks if task.works or env or not (_of_table(task.result) or _lacks(task.line))]
+
+
+def _lacks(line: str | None) -> bool:
+    """Return whether a task fails for want of what it alone needs, which says nothing of the versions at hand."""
+    return bool(LACKING.match(line or ""))
 
 
 def _of_table(result: CellResult) -> bool:

@@ -269,7 +269,10 @@ def _note_other_failure(failure: Failure, hits: Sequence[Diagnosis]) -> List[Tup
 def _note_measurements(
     failure: Failure, hits: Sequence[Diagnosis], measured: Optional[Mapping[str, Any]]
 ) -> List[Tuple[str, str, str]]:
-    """Return a note on measured cells with the same cause, or if none is known with the same decisive line."""
+    """Return a note on measured cells with the same cause, or if none is known with the same decisive line.
+
+    Those with the shortest ids are shown, so that the note fits one line.
+    """
     cells = (measured or {}).get("cells", ())
     cause = _deepest(hits)
     if cause is not None:
@@ -279,7 +282,8 @@ def _note_measurements(
         same = [cell for cell in cells if shape and _shape(cell.get("decisive")) == shape]
     if not same:
         return []
-    named = ["{} ({})".format(cell["id"], " ".join(cell.get("requirements", ())[:4])) for cell in same[:SHOWN]]
+    shortest = sorted(same, key=lambda cell: len(cell["id"]))[:SHOWN]
+    named = ["{} ({})".format(cell["id"], " ".join(cell.get("requirements", ())[:4])) for cell in shortest]
     more = " and {} more".format(len(same) - SHOWN) if len(same) > SHOWN else ""
     return [("measured", NOTE, shorten_line("measured here, too: " + "; ".join(named) + more))]
 
