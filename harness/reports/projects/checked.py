@@ -94,7 +94,11 @@ def _of_set(each: MeasuredSet, project: Project, env: str | None) -> Iterator[Ch
         newest = max(_newness(result, each.names) for result in good)
         alike = [result for result in good if _newness(result, each.names) == newest]
         yield _good(each, [task for task in _tasks_of(alike, project, env) if task.works], project)
-    broken = [trap for trap in traps.find_traps(fitting, _query(each, project, env)) if _counts(trap, good) and (env or not _lacks(trap.line))]
+    broken = [
+        trap
+        for trap in traps.find_traps(fitting, _query(each, project, env))
+        if _counts(trap, good) and (env or not _lacks(trap.line))
+    ]
     yield from (_admits(each, trap, fitting, project, env) for trap in broken)
     yield from _excludes(each, fitting, project)
 
