@@ -12,7 +12,7 @@ PICTURE = 3
 """The dimensions of an observation that is a picture: height, width, channel."""
 
 COPIES = 2
-"""How many environments are one: each has several agents."""
+"""Copies of an environment that make one vector environment; each has several agents."""
 
 
 def make_vector(probe, facts, base_class):

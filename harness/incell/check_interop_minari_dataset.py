@@ -8,7 +8,7 @@ from .cell_errors import library, violate
 from .cell_interop import close, import_trainer, make_environment
 
 EPISODES, LENGTH = 2, 20
-"""How many episodes are recorded, and after how many steps each is cut short."""
+"""Recorded episodes, and the steps after which each is cut short."""
 
 FOLDER = "MINARI_DATASETS_PATH"
 PARTS = ("observations", "actions", "rewards", "terminations", "truncations")

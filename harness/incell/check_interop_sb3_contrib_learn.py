@@ -7,7 +7,7 @@ from .cell_interop import close, import_sb3, import_trainer, make_environment
 from .cell_learners import check_count, check_return, compare_parameters, copy_parameters, seed_torch
 
 STEPS = 64
-"""How long each learner learns: two rounds of steps, with an update after each."""
+"""Steps that each learner makes: two rounds, with an update after each."""
 
 
 def run(probe, facts):

@@ -5,7 +5,7 @@ from .cell_interop import close, import_sb3
 from .cell_supersuit import COPIES, make_vector
 
 STEPS = 16
-"""How many steps of every agent a round of learning has."""
+"""Steps of every agent in a round of learning."""
 
 
 def run(probe, facts):

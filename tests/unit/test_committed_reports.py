@@ -20,7 +20,7 @@ from harness.reports.text import author_pages
 REPORTS = Path(__file__).parents[2] / "reports"
 MATRICES = REPORTS.parent / "matrices"
 UNAVAILABLE = {"interop": 1, "torchrl": 3, "isaac-gym": 2, "isaac-lab": 2, "lerobot": 3, "libero": 1, "meta-world": 1}
-"""How many cells of a report this project's machines lack something for: a CPU torch, an archive, a checkout, a GPU."""
+"""Number of cells, by report, that need what these machines lack: a CPU torch, an archive, a checkout, a GPU."""
 
 INCONCLUSIVE = {"masks": 21}
 """How many cells say nothing of packages, as they are meant to: workers that somebody kills by SIGKILL."""

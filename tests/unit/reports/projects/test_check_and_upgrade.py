@@ -162,6 +162,22 @@ def test_pinned_versions_that_fail_are_bad(world: World) -> None:
     assert kinds(world.check(project(mujoco="3.2.0"), env="Ant-v5")) == [Kind.GOOD]
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        "gym.error.NamespaceNotFound: Namespace ALE not found.",
+        "gymnasium.error.DependencyNotInstalled: Box2D is not installed",
+        'gym.error.Error: We\'re Unable to find the game "Pong".',
+    ],
+)
+def test_a_task_that_lacks_what_it_alone_needs(world: World, line: str) -> None:
+    """It says nothing of the versions, and is left out unless it is the one in question."""
+    world.add("3.11", {"gymnasium": "1.2.0", "mujoco": "3.2.0", "numpy": "2.2.6"}, fails={"Hopper-v5": line})
+
+    assert kinds(world.check(project(mujoco="3.2.0"))) == [Kind.GOOD]
+    assert kinds(world.check(project(mujoco="3.2.0"), env="Hopper-v5")) == [Kind.BAD]
+
+
 def test_a_range_that_admits_a_broken_release(world: World) -> None:
     """mujoco>=3.1 admits 3.3.0, which is broken; the bound that keeps it out is named."""
     world.add("3.11", {"gymnasium": "1.2.0", "mujoco": "3.2.0", "numpy": "2.2.6"})
