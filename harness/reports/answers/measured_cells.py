@@ -24,7 +24,18 @@ from harness.standalone.keys import MODULES, SIMULATORS, weight
 HEAVY = 4
 """The least weight of a package that somebody chooses."""
 
-RAN = {"interop.sb3.": "stable-baselines3", "interop.torchrl.": "torchrl"}
+RAN = {
+    "interop.sb3.": "stable-baselines3",
+    "interop.torchrl.": "torchrl",
+    "interop.sb3_contrib.": "sb3-contrib",
+    "interop.sb3_contrib.learn": "stable-baselines3",
+    "interop.supersuit.": "supersuit",
+    "interop.supersuit.sb3_learn": "stable-baselines3",
+    "interop.minari.": "minari",
+    "interop.tianshou.": "tianshou",
+    "interop.skrl.": "skrl",
+    "interop.rllib.": "ray",
+}
 """Checks that run a package which no environment is of, by the beginning of their names."""
 
 OFTEN_HELD = {"setuptools", "importlib-metadata", "pymunk", "cython"}

@@ -193,6 +193,23 @@ def test_a_package_that_never_ran_is_never_good(capsys: pytest.CaptureFixture[st
     assert f"\n  {name} was installed with other packages, never run: " in said
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["pettingzoo", "supersuit", "stable-baselines3"],
+        ["gymnasium", "minigrid", "sb3-contrib"],
+        ["gymnasium", "mujoco", "tianshou"],
+        ["gymnasium", "minari", "mujoco"],
+    ],
+)
+def test_sets_of_a_laboratory_are_measured(capsys: pytest.CaptureFixture[str], names: list[str]) -> None:
+    """A learner or a bridge that a check ran counts, though no environment is of it."""
+    code, document = recommend(capsys, *names)
+
+    assert code == 0
+    assert {*names} <= {*document["measured"][0]["versions"]}
+
+
 def test_never_measured_together_is_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
     """Each half as it was measured, and a command with versions that exist."""
     code, document = recommend(capsys, "robosuite", "brax")
