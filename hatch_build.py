@@ -71,11 +71,10 @@ def pack(root: Path) -> tuple[bytes, bytes]:
     sys.path.insert(0, str(root))  # nothing is installed yet
     try:
         digest = importlib.import_module("harness.reports.answers.digest")
-        collection = importlib.import_module("harness.reports.past_results.collection")
     finally:
         sys.path.remove(str(root))
     files = sorted((root / "reports").glob("*/report.json"))
-    return digest.pack(collection.from_checkout(root, files)), digest.pack_reports(files)
+    return digest.pack(digest.from_files(files)), digest.pack_reports(files)
 
 
 def lead_links(readme: str, repository: str) -> str:

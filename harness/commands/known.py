@@ -89,14 +89,14 @@ def _answer(name: str | None, cells: Sequence[CellResult], issues: Sequence[Issu
 
 def _package(name: str, cells: Sequence[CellResult], issues: Sequence[Issue]) -> PackageEntry:
     mine = [one for one in cells if name in one.about and one.version(name)]
-    works = {str(one.version(name)) for one in mine if (one.works or one.ran_unlocked) and name in one.exercised}
+    works = {str(one.version(name)) for one in mine if one.works and name in one.exercised}
     others = {str(one.version(name)) for one in mine} - works
     return PackageEntry(
         name=name,
         works=tuple(sorted(works, key=Version, reverse=True)),
         others=tuple(sorted(others, key=Version, reverse=True)),
         cells=len(mine),
-        reports=tuple(sorted({one.cell.matrix for one in mine if not one.unlocked})),
+        reports=tuple(sorted({one.cell.matrix for one in mine})),
         issues=tuple(one.id for one in issues if name in _concerned(one)),
     )
 

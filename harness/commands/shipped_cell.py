@@ -1,21 +1,17 @@
 """Load a cell that was measured before.
 
-It comes from the reports of the harness, from those that `HARNESS_RESULTS` names, or from a table without a report.
+It comes from the reports of the harness, or from those that `HARNESS_RESULTS` names.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import msgspec
 
 from harness.model import cellid
 from harness.model.cellid import CellId
 from harness.model.errors import BadInput
-from harness.model.measured import MeasuredCell
-from harness.model.report_types import CellEntry, Document
+from harness.model.report_types import Document
 from harness.reports import document, publishing
 from harness.reports.answers import result_index, shipped_reports
 
@@ -54,28 +50,8 @@ def lock_of(cell: str) -> lock_files.MeasuredLock:
     )
 
 
-def of_table(cell: str) -> MeasuredCell | None:
-    """Return a cell of a table, whose lock and evidence were not kept; None if it has a report."""
-    return next((one for one in _table_cells() if one.id == cell), None)
-
-
-def _table_cells() -> Sequence[MeasuredCell]:
-    return [one for one in result_index.load_shipped().cells if one.source]
-
-
 def _documents(pattern: str) -> list[tuple[Document, Path]]:
-    """Return the report that an id names, or all of them and the tables, with their files."""
+    """Return the report that an id names, or all of them, with their files."""
     matrix = CellId.parse(pattern).matrix
     report = shipped_reports.load(matrix) if matrix else None
-    if report:
-        return [report]
-    cells = _table_cells()
-    mine = [one for one in cells if one.matrix == matrix]
-    return [_as_document(mine)] if mine else [*shipped_reports.load_all(), _as_document(cells)]
-
-
-def _as_document(cells: Sequence[MeasuredCell]) -> tuple[Document, Path]:
-    """Return the cells of tables as a document; it names no files."""
-    entries = msgspec.convert(msgspec.to_builtins(cells), tuple[CellEntry, ...])
-    generated = max((one.measured for one in cells), default="")
-    return Document(generated=generated, machines={}, cells=entries, dropped=()), Path("report.json")
+    return [report] if report else list(shipped_reports.load_all())

@@ -17,7 +17,6 @@ from harness.machine.store import Store
 from harness.matrix import plan
 from harness.model import Cell, CellRecord, Outcome, Plan, Verdict, cellid
 from harness.model.errors import BadInput
-from harness.model.measured import MeasuredCell
 from harness.model.report_types import (
     SYMBOLS,
     CaseEntry,
@@ -98,29 +97,15 @@ def main(args: argparse.Namespace) -> int:
 def _show_shipped(report: Document, *, issue: bool) -> None:
     """Print a cell that was measured elsewhere, or before."""
     for entry in report.cells:
-        table = shipped_cell.of_table(entry.id)
-        again = shlex.join(["simmatrix", "run", entry.matrix, "-k", entry.label]) if not table else _try_again(table)
+        again = shlex.join(["simmatrix", "run", entry.matrix, "-k", entry.label])
         if issue:
             message = f"show {entry.id} --issue: was not measured here; measure it first: {again}"
             raise BadInput(message)
-        _print([*_lines(entry), *(_of_table(table) if table else ())])
+        _print(_lines(entry))
         print("next")
         if entry.lock_sha256:
             print(f"  {shlex.join(['simmatrix', 'show', entry.id, '--lock-out', 'requirements.txt'])}")
         print(f"  {again}")
-
-
-def _of_table(cell: MeasuredCell) -> Iterator[str]:
-    """Yield what is known besides of a cell of which only a row of a table was kept."""
-    only = ", and what followed the first failing phase is not known" if cell.first_failure_only else ""
-    yield f"table      {cell.source}: its lock and evidence were not kept{only}"
-    yield from (f"known as   {name}: simmatrix known {name}" for name in cell.causes)
-
-
-def _try_again(cell: MeasuredCell) -> str:
-    """Return the command that measures a cell of a table anew."""
-    envs = [word for case in cell.cases if case.env for word in ("--env", case.env)]
-    return shlex.join(["simmatrix", "try", *cell.requirements, "--python", cell.requested_python, *envs])
 
 
 def _find_shipped(records: Sequence[CellRecord], pattern: str) -> str:

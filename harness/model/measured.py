@@ -17,16 +17,13 @@ class MeasuredCell(CellEntry, frozen=True, kw_only=True, omit_defaults=True):
     """A measured cell without paths of files and known failures; `lock` is the SHA-256 of its lock, if there is one.
 
     `causes` are the ids of the known failures that count. `imported` are modules that one of its cases imported, if the
-    cell did not note which packages its cases ran. `source` is the table that a cell comes from which has no report:
-    neither its lock nor its evidence was kept. With `first_failure_only`, later phases are not known.
+    cell did not note which packages its cases ran.
     """
 
     machine: str
     measured: str
     causes: tuple[str, ...]
     imported: tuple[str, ...] = ()
-    source: str = ""
-    first_failure_only: bool = False
 
 
 class SeriesStep(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):

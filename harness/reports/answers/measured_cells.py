@@ -168,16 +168,6 @@ class CellResult:
         # A combination is recommended with its lock, so a result without one is not enough.
         return self.cell.good and bool(self.pins)
 
-    @property
-    def unlocked(self) -> bool:
-        """Return whether the cell comes from a table: its lock was not kept."""
-        return bool(self.cell.source)
-
-    @property
-    def ran_unlocked(self) -> bool:
-        """Return whether everything that was tried works, in a cell whose lock was not kept."""
-        return self.cell.good and self.unlocked
-
     @cached_property
     def named(self) -> frozenset[str]:
         """Return the packages that the matrix asks for by name."""
@@ -299,11 +289,6 @@ def find_good(cells: Iterable[CellResult], query: Query) -> list[CellResult]:
     return [one for one in find_fitting(cells, query) if one.pins and _answers(one, query)]
 
 
-def find_unlocked(cells: Iterable[CellResult], query: Query) -> list[CellResult]:
-    """Return the cells of tables that work just as well, only that their locks were not kept."""
-    return [one for one in find_fitting(cells, query) if one.unlocked and _answers(one, query)]
-
-
 def _answers(result: CellResult, query: Query) -> bool:
     return ran(result, query) and works(result, query) and passes(result, query)
 
@@ -318,7 +303,7 @@ def works(result: CellResult, query: Query) -> bool:
 
     For a question about one environment, it is enough that this environment works.
     """
-    good = result.works or result.ran_unlocked
+    good = result.works
     if query.env is None or good or result.cell.verdict is not Verdict.PARTIAL:
         return good
     cases = [case for case in result.cell.cases if names_env(case, query.env)]

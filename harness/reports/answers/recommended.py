@@ -81,8 +81,8 @@ def build_answer(cells: Sequence[CellResult], query: Query, limit: int, next_: s
     cells = [one for one in every if all(one.version(name) for name in query.names)]
     combinations = recommending.combinations(cells, query)
     # The sort is stable: among equals the newest stays first.
-    # What anybody can install goes first, what has no lock last.
-    combinations.sort(key=lambda one: (bool(one.source), bool(one.repaired or one.brought)))
+    # What anybody can install goes first.
+    combinations.sort(key=lambda one: bool(one.repaired or one.brought))
     together = None if combinations else find_apart(every, query)
     newer = _newer(cells, query, combinations)
     never_run = [name for name in query.names if not any(name in one.about for one in every if one.version(name))]
@@ -132,7 +132,7 @@ def _partly(cells: Sequence[CellResult], query: Query) -> list[Partly]:
     fits = [one for one in fits if some_work(one)]
     entries = []
     for versions, results in recommending.group_results(fits, query):
-        best = max(results, key=lambda result: (not result.unlocked, sum(map(case_works, result.cell.cases))))
+        best = max(results, key=lambda result: sum(map(case_works, result.cell.cases)))
         entries.append(
             Partly(
                 combination=recommending.combination(versions, [best]),
@@ -157,9 +157,7 @@ def _newer(cells: Sequence[CellResult], query: Query, combinations: Sequence[Com
     newest = recommending.newness(best.versions.values())
     if newest <= recommending.newness(combinations[0].versions.values()):
         return []
-    # A row of a table has other packages that are not known, so its failure says nothing of the best cell.
-    whole = [one for one in seen if one.pins or one.cell.good]
-    measured = any(tuple(one.version(name) for name in query.names) == tuple(best.versions.values()) for one in whole)
+    measured = any(tuple(one.version(name) for name in query.names) == tuple(best.versions.values()) for one in seen)
     return [] if measured else [best]
 
 

@@ -50,10 +50,7 @@ def _details(combination: Combination, machines: Mapping[str, Any]) -> Iterator[
         yield f"needs {', '.join(combination.brought)}, which no index has"
     if combination.builds:
         yield f"builds of another index: {text.versions_words(combination.builds)}"
-    if combination.source:
-        yield "its lock was not kept"
-    else:
-        yield f"lock {format_count(combination.lock.count('=='), 'package')}, sha256 {combination.lock_sha256[:16]}"
+    yield f"lock {format_count(combination.lock.count('=='), 'package')}, sha256 {combination.lock_sha256[:16]}"
     yield from (f"{name} {' or '.join(held)}" for name, held in combination.beside.items())
     yield from (f"simmatrix show {cell}" for cell in combination.cells)
 

@@ -14,7 +14,6 @@ from harness.reports.answers.recommending import Combination
 from harness.reports.answers.traps import Red
 from harness.reports.answers.weighing import Neighbour, Weighed
 from harness.reports.install_texts import install_commands
-from harness.reports.past_results import table_files
 from harness.standalone.keys import SIMULATORS, weight
 
 FEW = 3
@@ -118,9 +117,7 @@ def weighed_words(weighed: Weighed, first: Combination, answer: Recommended) -> 
     on = f" on Python {python}" if python else ""
     which = answer.env or format_count(weighed.tasks, "task")
     tasks = f"{which} passed {', '.join(weighed.passed)}" if weighed.tasks and weighed.passed else ""
-    if first.source:
-        rank = f"ran without an error{on}"
-    elif weighed.works == 1:
+    if weighed.works == 1:
         rank = f"the only combination measured to work{on}"
     else:
         rank = f"newest of {weighed.works} that work{on}"
@@ -156,9 +153,6 @@ def evidence(combination: Combination, machines: Mapping[str, Any]) -> str:
     opened = unbroken("simmatrix", "show", combination.cell)
     builds = [f"{name} as {version}" for name, version in combination.builds.items() if name in combination.versions]
     which = f" with {', '.join(builds)}" if builds else ""
-    if combination.source:
-        how = "measured by hand" if combination.source == table_files.HAND else "measured"
-        return f"{how} on {combination.measured[:10]}{which}; its lock was not kept: {opened}"
     where = machine_words(combination.machine, machines)
     lock = f"lock: {unbroken('--lock-out', 'FILE')}"
     return f"measured {combination.measured[:10]}{which} on {where}; {lock}; {opened}"
@@ -240,8 +234,7 @@ def _trap_block(trap: Red, answer: Recommended, width: int) -> list[str]:
     do, opened = advice(trap, answer), opener(trap)
     if _fits(do, opened, width):
         return _block(describe_trap(trap), do, opened, width)
-    note = unknown_phases(trap)
-    return _block(describe_trap(trap, ""), shorten(do, width - len(f"    do: {note}")) + note, opened, width)
+    return _block(describe_trap(trap), shorten(do, width - len("    do: ")), opened, width)
 
 
 def _fits(do: str, opened: str, width: int) -> bool:
@@ -266,12 +259,7 @@ def shorten(text: str, width: int) -> str:
     return textwrap.shorten(text, max(width, 10), placeholder=" ...")
 
 
-def unknown_phases(trap: Red) -> str:
-    """Return in brackets the day of a row of a table, and that no later phase is known; empty for others."""
-    return f" ({trap.measured[:10]}, first failing phase only)" if trap.first_failure_only else ""
-
-
-def describe_trap(trap: Red, note: str | None = None) -> str:
+def describe_trap(trap: Red) -> str:
     """Return what fails: versions, what decides, the tasks, and the line that says why."""
     more = f" and {len(trap.versions) - 1} more" if len(trap.versions) > 1 else ""
     named = trap.deciding or ({} if trap.elsewhere else trap.beside)
@@ -286,8 +274,7 @@ def describe_trap(trap: Red, note: str | None = None) -> str:
         what, how = f"{tasks} with {what}", "fails" if len(trap.tasks) == 1 else "fail"
     elif tasks:
         how = f"{how} in {tasks}"
-    note = unknown_phases(trap) if note is None else note
-    return f"{what}: {how}{note}{f': {trap.line}' if trap.line else ''}"
+    return f"{what}: {how}{f': {trap.line}' if trap.line else ''}"
 
 
 def advice(trap: Red, answer: Recommended) -> str:

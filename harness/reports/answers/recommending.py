@@ -20,7 +20,7 @@ from packaging.version import Version
 
 from harness.model import CASE_PHASES, Outcome, Phase
 from harness.model.vocabulary import settings
-from harness.reports.answers.measured_cells import CellResult, Query, find_good, find_unlocked, is_heavy
+from harness.reports.answers.measured_cells import CellResult, Query, find_good, is_heavy
 
 NUMPY = "numpy"
 """The package of the arrays that all others pass around: its version is never left open."""
@@ -55,7 +55,6 @@ class Combination(msgspec.Struct, frozen=True, kw_only=True):
     requirements: tuple[str, ...]
     builds: dict[str, str] = {}
     drawn: tuple[str, ...] = ()
-    source: str = ""
 
 
 # --- measured --------------------------------------------------------------------------------------------------
@@ -64,15 +63,11 @@ class Combination(msgspec.Struct, frozen=True, kw_only=True):
 def combinations(cells: Iterable[CellResult], query: Query, limit: int | None = None) -> list[Combination]:
     """Return the combinations that work, newest first; at most `limit`.
 
-    They are compared by the packages in the order in which these were asked for. Those whose lock was not kept come
-    last, and only if the same versions do not work with a lock.
+    They are compared by the packages in the order in which these were asked for.
     """
     every = list(cells)
-    locked = group_results(find_good([*every, *join_by_lock(every)], query), query)
-    have = [versions for versions, _ in locked]
-    others = [(versions, alike) for versions, alike in group_results(find_unlocked(every, query), query)
-              if versions not in have]  # fmt: skip
-    return [combination(versions, alike) for versions, alike in [*locked, *others][:limit]]
+    groups = group_results(find_good([*every, *join_by_lock(every)], query), query)
+    return [combination(versions, alike) for versions, alike in groups[:limit]]
 
 
 def join_by_lock(cells: Iterable[CellResult]) -> list[CellResult]:
@@ -152,7 +147,6 @@ def combination(versions: dict[str, str], results: Sequence[CellResult]) -> Comb
         requirements=tuple(pin_requirements(best, versions)),
         builds={name: version for name, version in best.pins.items() if "+" in version},
         drawn=tuple(sorted({case.drawn["api"] for case in cases if case.drawn.get("api")})),
-        source=cell.source,
     )
 
 
@@ -160,21 +154,18 @@ def pin_requirements(result: CellResult, packages: Iterable[str]) -> Iterator[st
     """Yield the requirements to install for a cell.
 
     These are the packages asked for, the others that the cell names, simulators and frameworks of its lock, packages
-    that are held back, and the numpy that they share, all pinned. A requirement of a table whose version was not kept
-    stays as it was typed.
+    that are held back, and the numpy that they share, all pinned.
     """
     extras: dict[str, set[str]] = {}
     for each in result.requirements:
         extras.setdefault(canonicalize_name(each.name), set()).update(each.extras)
     heavy = {name for name in result.pins if is_heavy(name)}
-    others = {*heavy, *result.held_back, *({NUMPY} & result.exercised), *(result.versions if result.unlocked else ())}
+    others = {*heavy, *result.held_back, *({NUMPY} & result.exercised)}
     for name in dict.fromkeys((*packages, *extras, *result.chosen, *sorted(others))):
         version = result.version(name)
         if version:
             extra = f"[{','.join(sorted(extras[name]))}]" if extras.get(name) else ""
             yield f"{name}{extra}=={public_version(version)}"
-        elif result.unlocked:
-            yield from (str(each) for each in result.requirements if canonicalize_name(each.name) == name)
 
 
 def public_version(version: str) -> str:

@@ -17,7 +17,6 @@ from harness.machine import store
 from harness.model import Plan
 from harness.model.errors import BadInput
 from harness.model.measured import Measured
-from harness.reports.past_results import table_files
 
 VARIABLE = "HARNESS_RESULTS"
 PACKAGE = Path(__file__).parents[2]
@@ -51,16 +50,15 @@ def load_shipped() -> Measured:
         return read(gzip.decompress(PACKED.read_bytes()))
     # The code is part of the key: another version of it may make another document.
     rooms = ("model", "reports", "standalone/failures")
-    tables = table_files.list_files(PACKAGE.parent)
-    files = [*report_files(), *tables, *(file for room in rooms for file in sorted((PACKAGE / room).rglob("*.py")))]
+    files = [*report_files(), *(file for room in rooms for file in sorted((PACKAGE / room).rglob("*.py")))]
     marks = [(str(file), file.stat().st_mtime_ns, file.stat().st_size) for file in files]
     return store.load_or_make("distilled", repr(marks), _collected, read)
 
 
 def _collected() -> bytes:
-    from harness.reports.past_results import collection  # noqa: PLC0415 - start-up
+    from harness.reports.answers import digest  # noqa: PLC0415 - start-up
 
-    return msgspec.json.encode(collection.from_checkout(PACKAGE.parent, report_files()))
+    return msgspec.json.encode(digest.from_files(report_files()))
 
 
 def report_files() -> list[Path]:

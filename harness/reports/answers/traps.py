@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import msgspec
 from packaging.version import Version
 
-from harness.model import Phase, Verdict
+from harness.model import Verdict
 from harness.model.vocabulary import CHANGING
 from harness.reports.answers.measured_cells import (
     WAYS,
@@ -21,7 +21,6 @@ from harness.reports.answers.measured_cells import (
     case_works,
     find_fitting,
     find_good,
-    find_unlocked,
     names_env,
     some_work,
     works,
@@ -36,8 +35,7 @@ class Red(msgspec.Struct, frozen=True, kw_only=True):
     versions of the packages asked for. It is empty if no such combination: then other packages that the cells asked
     for may be at fault. `beside` are their versions. `instead` are the versions of the working cell that is nearest.
     `tasks` are the environments that fail; `elsewhere` is whether others work with these very versions. `remedy` says
-    in a few words what to do about the first of the causes. With `first_failure_only`, the evidence was not kept, and
-    phases after the failing one are not known.
+    in a few words what to do about the first of the causes.
     """
 
     versions: tuple[dict[str, str], ...]
@@ -56,8 +54,6 @@ class Red(msgspec.Struct, frozen=True, kw_only=True):
     elsewhere: bool = False
     instead: dict[str, str] = {}
     remedy: str | None = None
-    source: str = ""
-    first_failure_only: bool = False
 
 
 NO_RELEASE = re.compile(r"no version of|was not found in")
@@ -77,7 +73,7 @@ def find_traps(cells: Sequence[CellResult], query: Query) -> list[Red]:
     reds = [one for one in reds if one.cell.lock is None or one.cell.lock not in fine]
     reds = [one for one in reds if not NO_RELEASE.search(one.cell.decisive or "")]
     anywhere = Query(wanted=query.wanted, env=query.env)
-    twins = find_good(cells, anywhere) or find_unlocked(cells, anywhere) or [one for one in matches if some_work(one)]
+    twins = find_good(cells, anywhere) or [one for one in matches if some_work(one)]
     together: dict[tuple[str, ...], list[CellResult]] = {}
     for twin in twins:
         together.setdefault(_query_versions(twin, query), []).append(twin)
@@ -106,7 +102,6 @@ def _weight(trap: Red) -> tuple[Any, ...]:
         not others,
         not trap.deciding,
         tuple(rest),
-        not trap.source,
     )
 
 
@@ -119,8 +114,7 @@ def _by_cause(reds: Sequence[CellResult]) -> list[list[CellResult]]:
     for cell_result in reds:
         elsewhere = reasons[_line(cell_result)] if len(reasons[_line(cell_result)]) == 1 else ()
         cause = cell_result.cell.causes or cell_result.reason or next(iter(elsewhere), None) or _line(cell_result)
-        # A table says less than a report does, so its rows stay apart.
-        groups.setdefault((cell_result.cell.phase, cause, cell_result.cell.source), []).append(cell_result)
+        groups.setdefault((cell_result.cell.phase, cause), []).append(cell_result)
     return list(groups.values())
 
 
@@ -157,8 +151,6 @@ def _red(group: Sequence[CellResult], query: Query, twins: Mapping[tuple[str, ..
         elsewhere=bool(nearest),
         instead=_instead(nearest),
         remedy=next(filter(None, (results[0].measured.remedies.get(name) for name in cell.causes)), None),
-        source=cell.source,
-        first_failure_only=cell.first_failure_only,
     )
 
 
@@ -230,7 +222,5 @@ def _difference(result: CellResult, twin: CellResult, packages: Iterable[str]) -
     # How to draw is set in most cells, and decides only where another way works.
     ways = {WAYS: result.cell.environment.get(WAYS, ""), **variables}
     variables = ways if ways[WAYS] and theirs.get(WAYS, ways[WAYS]) != ways[WAYS] else variables
-    # Of a row of a table other packages are not known, which may decide as well: a Python decides what installs.
-    decides = not result.unlocked or result.cell.phase in {Phase.RESOLVE, Phase.INSTALL}
-    python = {"Python": result.minor} if decides and result.minor != twin.minor else {}
+    python = {"Python": result.minor} if result.minor != twin.minor else {}
     return {**gone, **differs, **variables, **python}

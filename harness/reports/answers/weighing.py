@@ -86,8 +86,6 @@ def _passed(cells: Iterable[CellResult], first: Combination, query: Query) -> tu
 
 def _why(newest: Combination) -> str:
     """Return what keeps a combination from being the first, though it is the newest."""
-    if newest.source:
-        return "its lock was not kept"
     if newest.repaired:
         return f"needs {', '.join(newest.repaired)} as a patched wheel"
     return f"needs {', '.join(newest.brought)}, which no index has"

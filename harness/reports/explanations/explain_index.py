@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from harness.machine.files.cache_path import cache_path
-from harness.reports.past_results import table_files
 from harness.running.signatures import signature_files
 from harness.standalone.failures import literals, matching
 
@@ -70,7 +69,6 @@ def _sources() -> Iterator[Path]:
     yield from signature_files.files()
     packed = PACKAGE / "measured.json.gz"
     yield from [packed] if packed.is_file() else sorted((PACKAGE.parent / "reports").glob("*/report.json"))
-    yield from table_files.list_files(PACKAGE.parent)
     for room in ROOMS:
         yield from sorted((PACKAGE / room).rglob("*.py"))
 

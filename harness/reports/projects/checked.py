@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import msgspec
 
-from harness.model import Phase, Verdict
+from harness.model import Verdict
 from harness.model.measured import Measured
 from harness.model.report_types import first_few
 from harness.reports.answers import measured_cells, traps
@@ -76,12 +76,6 @@ def _of_set(each: MeasuredSet, project: Project, env: str | None) -> Iterator[Ch
     if not fitting:
         yield _unmeasured(each, project)
         return
-    # A table tells the first failure of one task: it counts where no report has these versions.
-    fitting = [result for result in fitting if not result.cell.source] or fitting
-    if not _tasks_of(fitting, project, env) and all(map(_of_table, fitting)):
-        if any(result.works for result in each.cells):
-            yield _unmeasured(each, project)
-        return
     good = [result for result in fitting if any(task.works for task in _tasks_of([result], project, env))]
     if _is_closed(project) and all(project.packages[name].pinned for name in each.names):
         tasks = _tasks_of(fitting, project, env)
@@ -104,22 +98,14 @@ def _of_set(each: MeasuredSet, project: Project, env: str | None) -> Iterator[Ch
 
 
 def _tasks_of(results: Sequence[CellResult], project: Project, env: str | None) -> list[Task]:
-    """Return the environments of cells.
-
-    A table has one task each, and some were asked for by a wrong id on purpose: one that fails there, once everything
-    is imported, counts only if it is the one in question.
-    """
+    """Return the environments of cells; one that lacks what it alone needs counts only if it is the one in question."""
     tasks = measured_sets.tasks(results, project, env).values()
-    return [task for task in tasks if task.works or env or not (_of_table(task.result) or _lacks(task.line))]
+    return [task for task in tasks if task.works or env or not _lacks(task.line)]
 
 
 def _lacks(line: str | None) -> bool:
     """Return whether a task fails for want of what it alone needs, which says nothing of the versions at hand."""
     return bool(LACKING.match(line or ""))
-
-
-def _of_table(result: CellResult) -> bool:
-    return bool(result.cell.source) and result.cell.phase not in {Phase.RESOLVE, Phase.INSTALL, Phase.IMPORT}
 
 
 def _is_closed(project: Project) -> bool:
@@ -135,7 +121,7 @@ def _counts(trap: Red, good: Sequence[CellResult]) -> bool:
 
 def _good(each: MeasuredSet, works: Sequence[Task], project: Project) -> CheckFinding:
     best = works[0].result
-    text = f"{_versions(best, each.names)} run {_tasks(works)}{_apart(best, project)}{_origin(best)}"
+    text = f"{_versions(best, each.names)} run {_tasks(works)}{_apart(best, project)}"
     return CheckFinding(
         kind=Kind.GOOD,
         text=text,
@@ -153,21 +139,13 @@ def _apart(result: CellResult, project: Project) -> str:
     return f"; measured with {there}" if there else ""
 
 
-def _origin(result: CellResult) -> str:
-    """Return, of a result that a table holds, what was not kept."""
-    if not result.cell.source:
-        return ""
-    only = ", and the first failing phase only" if result.cell.first_failure_only else ""
-    return f"; a table has it without its lock{only}"
-
-
 def _bad(each: MeasuredSet, fails: Sequence[Task], fitting: Sequence[CellResult], count: int) -> CheckFinding:
     result = fails[0].result if fails else fitting[0]
     line = next((task.line for task in fails if task.line), result.cell.decisive)
     of = f"{len(fails)} of {count} tasks fail: {_names(fails)}" if fails else f"it {word(result)}"
     return CheckFinding(
         kind=Kind.BAD,
-        text=f"{_versions(result, each.names)}: {of}{_origin(result)}",
+        text=f"{_versions(result, each.names)}: {of}",
         versions=_held(result, each.names),
         python=result.python,
         measured=result.cell.measured,
@@ -213,7 +191,7 @@ def _admits(
     how = f"{len(fails)} of {len(tasks)} tasks fail: {_names(fails)}" if fails else word(result)
     return CheckFinding(
         kind=Kind.ADMITS,
-        text=f"{shown}{more}{f' with {deciding}' if deciding else ''}: {how}{_origin(result)}",
+        text=f"{shown}{more}{f' with {deciding}' if deciding else ''}: {how}",
         versions=trap.versions[0],
         python=result.python,
         measured=result.cell.measured,

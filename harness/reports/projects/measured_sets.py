@@ -59,9 +59,7 @@ def find_sets(cells: Iterable[CellResult], project: Project) -> list[MeasuredSet
             groups.setdefault(result.subjects, []).append(result)
     held = [names for names in groups if any(fits(each, project) for each in groups[names])]
     telling = [names for names in groups if names in held or any(each.works for each in groups[names])]
-    # A table of single combinations hides no report about fewer packages.
-    reported = [names for names in held if any(not each.cell.source for each in groups[names])]
-    shown = [names for names in telling if not any(names < other for other in reported)]
+    shown = [names for names in telling if not any(names < other for other in held)]
     largest = [names for names in shown if names in held or not any(names < other for other in telling)]
     ordered = sorted(largest, key=lambda names: (-len(names), sorted(names)))
     return [
@@ -165,8 +163,7 @@ def tasks(results: Iterable[CellResult], project: Project, env: str | None = Non
     """
     tried: dict[str, list[tuple[tuple[object, ...], Task]]] = {}
     for result in results:
-        # A table tells less than a report: its lock was not kept.
-        near = not result.cell.source, -len(differences(result, project))
+        near = -len(differences(result, project))
         for case in result.cell.cases:
             if case.env is None or (env is not None and bare(case.env, case.api) != bare(env, case.api)):
                 continue

@@ -15,7 +15,6 @@ from harness.reports.projects.installable import InstallAnswer, Requirements
 from harness.reports.projects.measured_sets import Task, bare
 from harness.reports.projects.project import Declared, Project, with_versions
 from harness.reports.projects.upgrade_document import Move, RunningTask, Sameness, Upgraded
-from harness.standalone.adapters import package as package_of_api
 from harness.standalone.explain.api_history import load_shipped
 from harness.standalone.versions import is_version, specifiers, version
 
@@ -197,7 +196,7 @@ def _uses(task: Task, targets: Iterable[str]) -> bool:
     """Return whether an environment runs a package that moves; where that was not noted, whether its cell names one."""
     cell = task.result.cell
     case = next(case for case in cell.cases if case.env and bare(case.env, case.api) == task.env)
-    unnoted = {package_of_api(case.api)} if cell.source else task.result.subjects | task.result.pins.keys()
+    unnoted = task.result.subjects | task.result.pins.keys()
     return bool({*(case.exercised or unnoted)} & {*targets})
 
 

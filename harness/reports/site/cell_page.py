@@ -62,7 +62,7 @@ class CellPages:
         return {
             "entry": entry,
             "row": row,
-            "causes": list(self._causes(entry, result)),
+            "causes": list(self._causes(entry)),
             "excuses": [(each, facts.cell_link(each.proof) if each.proof else None) for each in
                         excuses.excuses(entry, near, facts.signatures)],
             "near": near,
@@ -80,11 +80,10 @@ class CellPages:
             "package_address": facts.package_address,
         }  # fmt: skip
 
-    def _causes(self, entry: CellEntry, result: CellResult | None) -> Iterator[dict[str, Any]]:
+    def _causes(self, entry: CellEntry) -> Iterator[dict[str, Any]]:
         """Yield the known issues that count in a cell, the deepest cause first."""
         facts = self._facts
-        counting = select_counting(entry)
-        for diagnosis in counting:
+        for diagnosis in select_counting(entry):
             yield {
                 "id": diagnosis.signature,
                 "cause": diagnosis.cause,
@@ -94,12 +93,6 @@ class CellPages:
                 "references": diagnosis.references,
                 "address": facts.issue_address(diagnosis.signature),
             }
-        # Of a row of a table only the ids of its causes were kept.
-        for name in result.cell.causes if result and not counting else ():
-            issue = facts.issues_with_cells.get(name)
-            if issue:
-                yield {"id": issue.id, "cause": issue.cause, "fix": issue.fix, "seen": "", "proof": None,
-                       "references": issue.references, "address": facts.issue_address(name)}  # fmt: skip
 
     def _nearest(self, source: Source, entry: CellEntry) -> Nearest | None:
         """Return the nearest cell of the same report that works; None for a cell that works itself."""
@@ -147,7 +140,7 @@ class CellPages:
 
     def _formats(self, result: CellResult) -> Iterator[tuple[str, str]]:
         """Yield the versions of a cell as each tool takes them."""
-        if not (result.pins or result.unlocked):
+        if not result.pins:
             return
         try:
             combination = recommending.combination(result.chosen, [result])
@@ -180,9 +173,7 @@ def _column(table: FamilyTable, release: str) -> int:
 
 def _left_behind(source: Source, entry: CellEntry) -> Iterator[str]:
     """Yield a sentence where a report came without the evidence of a cell."""
-    if source.folder is None:
-        yield "Its lock and its evidence were not kept: only a row of a table is left."
-    elif entry.measured and entry.verdict not in {Verdict.UNAVAILABLE, Verdict.NOT_RUN} and not _has_files(entry):
+    if entry.measured and entry.verdict not in {Verdict.UNAVAILABLE, Verdict.NOT_RUN} and not _has_files(entry):
         yield "This report came without locks, logs and pictures."
 
 

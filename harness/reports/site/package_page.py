@@ -74,7 +74,7 @@ def group_releases(cells: Iterable[CellResult], name: str, works: Callable[[Cell
 
 
 def _works(name: str) -> Callable[[CellResult], bool]:
-    return lambda one: (one.works or one.ran_unlocked) and name in one.exercised
+    return lambda one: one.works and name in one.exercised
 
 
 def published(name: str) -> dict[str, str]:
@@ -249,5 +249,5 @@ def newest(facts: SiteFacts, names: Sequence[str]) -> recommending.Combination |
     """Return the newest combination of packages that works; None if there is none."""
     query = Query(wanted=tuple(map(Wanted.of, names)))
     answer = recommending.combinations(facts.cells, query)
-    plain = [one for one in answer if not one.source and not one.repaired and not one.brought]
+    plain = [one for one in answer if not one.repaired and not one.brought]
     return next(iter(plain or answer), None)

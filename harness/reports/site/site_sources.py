@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from harness.model.errors import BadInput
-from harness.model.measured import Measured, MeasuredCell
-from harness.model.report_types import CellEntry, Document
+from harness.model.measured import Measured
+from harness.model.report_types import Document
 from harness.reports import document
 from harness.reports.answers import digest, result_index, shipped_reports
 from harness.reports.tables import tables
@@ -54,21 +52,7 @@ def shipped() -> tuple[tuple[Source, ...], Measured]:
     if others:
         measured = digest.combine([measured, digest.from_files(others)])
     sources = [Source.of(content, file.parent, name) for (content, file), name in zip(documents, names, strict=True)]
-    return (*sources, *_of_tables(measured.cells)), measured
-
-
-def _of_tables(cells: Iterable[MeasuredCell]) -> list[Source]:
-    """Return the cells of tables, whose locks and evidence were not kept, as reports."""
-    groups: dict[str, list[MeasuredCell]] = {}
-    for cell in cells:
-        if cell.source:
-            groups.setdefault(cell.matrix, []).append(cell)
-    return [Source.of(_as_document(group), None, name) for name, group in sorted(groups.items())]
-
-
-def _as_document(cells: Sequence[MeasuredCell]) -> Document:
-    entries = msgspec.convert(msgspec.to_builtins(cells), tuple[CellEntry, ...])
-    return Document(generated=max(cell.measured for cell in cells), machines={}, cells=entries, dropped=())
+    return tuple(sources), measured
 
 
 def _names(documents: Sequence[tuple[Document, Path]]) -> list[str]:

@@ -21,7 +21,6 @@ from harness.model.cellid import CellId
 from harness.model.vocabulary import Instant
 from harness.reports import document
 from harness.reports.answers import result_index
-from harness.reports.past_results import table_files
 
 REPORTS = Path(__file__).parents[3] / "reports"
 LABEL = re.compile(r"[A-Za-z0-9.+-]+(_[A-Za-z0-9.+-]+)*")
@@ -283,7 +282,6 @@ def test_results_of_an_earlier_version_are_read(tmp_path: Path, monkeypatch: pyt
         cell["id"] = cellid.to_old_form(Named(cell["id"], cell["axes"]))
     (tmp_path / "report.json").write_text(json.dumps(whole))
     monkeypatch.setattr(result_index, "report_files", list)
-    monkeypatch.setattr(table_files, "list_files", lambda _: [])
     monkeypatch.setenv("HARNESS_RESULTS", str(tmp_path))
     monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "none"))
 

@@ -477,65 +477,12 @@ def test_a_combination_with_many_more_tasks_is_named(world: World) -> None:
     assert (weighed.thorough.versions, weighed.thorough.tasks) == ({"aa": "1.0"}, 3)
 
 
-# --- without a lock --------------------------------------------------------------------------------------------
-
-
-def add_row(world: World, versions: Mapping[str, str], verdict: str = "works", **more: Any) -> str:
-    """Add a cell of a table, which has no lock; return its id."""
-    requirements = [f"{name}=={version}" for name, version in versions.items()]
-    cell = measured_cell(
-        f"row_{'-'.join(versions.values())}", verdict, "3.11",
-        **{
-            "measured": "2026-11-20T00:00:00Z", "phases": ALL, "axes": {"python": "3.11"}, "lock": None,
-            "requirements": requirements, "installed": dict(versions), "cases": [case("a", api="aa")],
-            "source": "some/table.toml", "first_failure_only": verdict != "works", **more,
-        },
-    )  # fmt: skip
-    world.cells.append(cell)
-    return cell.id
-
-
-def test_rows_of_tables_come_after_locks(world: World) -> None:
-    """A newer row goes last, and only where the same versions have no lock; it has no lock text."""
-    world.add("3.11", {"aa": "1.0"})
-    add_row(world, {"aa": "1.0", "numpy": "1.0"})
-    row = add_row(world, {"aa": "2.0", "numpy": "2.0"}, requirements=["aa==2.0", "zz<3"])
-
-    answer = world.answer("aa")
-    first, last = answer.measured
-
-    assert (first.versions, first.source) == ({"aa": "1.0"}, "")
-    assert (last.versions, last.source, last.lock, last.cell) == ({"aa": "2.0"}, "some/table.toml", "", row)
-    assert last.requirements == ("aa==2.0", "zz<3", "numpy==2.0"), "as typed where no version was kept"
-    assert answer.weighed is not None
-    assert (answer.weighed.newer, answer.weighed.why) == ({"aa": "2.0"}, "its lock was not kept")
-
-
-def test_nothing_is_inferred_from_rows(world: World) -> None:
-    """Of a row other packages are not known: nothing lies between two of them."""
-    for version in ("3.3.0", "3.3.2"):
-        add_row(world, {"aa": version})
-
-    assert not world.inferred("aa==3.3.1")
-
-
-def test_a_red_row_is_a_trap_with_its_date(world: World) -> None:
-    """It says what is not known; that another Python works decides nothing, where other packages are unknown."""
-    world.add("3.10", {"aa": "1.0"})
-    add_row(world, {"aa": "1.0"}, "broken", cases=[case("a", phases={"single": "failed"})], decisive="no wings")
-
-    (trap,) = world.red("aa")
-
-    assert (trap.first_failure_only, trap.measured[:10], trap.deciding, trap.tasks) == (
-        True, "2026-11-20", {}, ("Ant-v5",),
-    )  # fmt: skip
-    assert trap.elsewhere
-
-
 def test_a_typo_is_no_trap(world: World) -> None:
     """A release that never was says nothing of packages."""
     line = "Because there is no version of aa==9 and you require aa==9"
-    add_row(world, {"aa": "9"}, "unresolvable", decisive=line, installed=None)
+    world.cells.append(
+        measured_cell("typo", "unresolvable", "3.11", lock=None, requirements=["aa==9"], installed=None, decisive=line)
+    )
 
     assert world.red("aa") == []
 
