@@ -39,7 +39,7 @@ def endurance(session: nox.Session) -> None:
     """A hundred thousand mutated inputs; combinations measured by hand, with their table; every adapter."""
     session.install("-e", ".[dev]")
     session.run("python", "tests/fuzzing/endurance.py")
-    session.run("python", "tests/real/agreement.py", *session.posargs)
+    session.run("python", "tests/real/agreement.py")
     session.run("pytest", "tests/real/test_adapters.py", "tests/real/test_devices.py", env={"ENDURANCE": "1"})
 
 

@@ -1,22 +1,21 @@
-"""Compare the harness with combinations measured by hand: `python tests/real/agreement.py [GLOB]`.
+"""Compare the committed reports with combinations measured by hand: `python tests/real/agreement.py`.
 
-`measured.toml` says, for each case, in which phase it fails first (plain uv and Python, no harness). Every entry is run
-through the harness; the table of agreement is written to `agreement.md`. Exit 1 below 97 of 100, or for a single
-`works` that is none.
+`measured.toml` says, for each case, in which phase it fails first (plain uv and Python, no harness). The reports
+`typed-*` have the same combinations; the table of agreement is written to `agreement.md`. Exit 1 below 97 of 100, or
+for a single `works` that is none. `test_agreement.py` runs a sample of them anew.
 """
 
 from __future__ import annotations
 
-import platform
+import json
 import sys
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 from harness.judging.assess import assess
-from harness.machine import store, this_machine
+from harness.machine import store
 from harness.matrix import plan
 from harness.model import Cell, CellRecord, Outcome, Phase
 from harness.reports.publishing import headline
@@ -25,6 +24,7 @@ from harness.reports.text.progress import Progress
 from harness.running import scheduler
 
 HERE = Path(__file__).parent
+REPORTS = HERE.parents[1] / "reports"
 GOAL = 0.97
 PROBED = (Phase.IMPORT, Phase.SINGLE, Phase.VECTOR, Phase.RENDER)
 NONE = "none"
@@ -130,10 +130,68 @@ def first_failure(record: CellRecord, env: str) -> tuple[str, str | None]:
     return NONE, record.unavailable
 
 
-def render(compared: Sequence[Comparison], command: str) -> str:
-    """Return the table of agreement as Markdown."""
+def reported() -> Iterator[Comparison]:
+    """Compare each case that was measured by hand with the report that has its combination. Raises LookupError."""
+    cells = [cell for file in sorted(REPORTS.glob("typed-*/report.json")) for cell in read_document(file)]
+    for entry in entries():
+        cell = next((one for one in cells if _is_of(one, entry)), None)
+        if cell is None:
+            message = f"no report has {entry['requirements']} on Python {entry['python']}"
+            raise LookupError(message)
+        yield from (_of_report(entry, case, cell) for case in entry["cases"])
+
+
+def read_document(file: Path) -> list[dict]:
+    """Return the cells of a report."""
+    return json.loads(file.read_bytes())["cells"]
+
+
+def _is_of(cell: dict, entry: dict) -> bool:
+    same = sorted(cell["requirements"]) == sorted(entry["requirements"]) and cell["environment"] == entry.get(
+        "environment", {}
+    )
+    envs = {case["env"] for case in cell["cases"]}
+    return same and cell["requested_python"] == entry["python"] and envs >= {case["env"] for case in entry["cases"]}
+
+
+def _of_report(entry: dict, case: dict, cell: dict) -> Comparison:
+    phase, decisive = _reported_failure(cell, case["env"])
+    return Comparison(
+        cell=cell["id"],
+        python=entry["python"],
+        requirements=tuple(entry["requirements"]),
+        env=case["env"],
+        by_hand=case["first_failure"],
+        by_harness=phase,
+        fragments=tuple(case[key] for key in ("decisive", "cause") if key in case),
+        decisive=decisive or "",
+    )
+
+
+def _reported_failure(cell: dict, env: str) -> tuple[str, str | None]:
+    """Return the first phase of a case that did not pass, and its decisive line."""
+    for step in ("resolve", "install"):
+        if cell["phases"][step] != "passed":
+            return step, cell["decisive"]
+    case = next(one for one in cell["cases"] if one["env"] == env)
+    first = next((phase for phase in PROBED if case["phases"].get(phase, "passed") not in {"passed", "skipped"}), None)
+    return (first.value, case["decisive"]) if first else (NONE, None)
+
+
+def sum_up(compared: Sequence[Comparison]) -> str:
+    """Return the counts as a sentence."""
     agreeing = sum(one.agrees for one in compared)
     red = [one for one in compared if one.by_hand != NONE]
+    return (
+        f"{agreeing} of {len(compared)} cases agree in their first failing phase ({len(red)} of them fail somewhere); "
+        f"{sum(one.wrong_works for one in compared)} say `works` wrongly; "
+        f"{sum(one.line_agrees for one in red if one.agrees)} of {sum(one.agrees for one in red)} agreeing failures "
+        "have the decisive line that was seen by hand."
+    )
+
+
+def render(compared: Sequence[Comparison], command: str) -> str:
+    """Return the table of agreement as Markdown."""
     lines = [
         f"| {'' if one.agrees else '**differs**'} | {one.python} | `{' '.join(one.requirements)}` | {one.env} "
         f"| {one.by_hand} | {one.by_harness} | {_cell(one.decisive)} |"
@@ -142,13 +200,9 @@ def render(compared: Sequence[Comparison], command: str) -> str:
     return "\n".join([
         "# The harness against what was measured by hand",
         "",
-        f"{agreeing} of {len(compared)} cases agree in their first failing phase ({len(red)} of them fail somewhere); "
-        f"{sum(one.wrong_works for one in compared)} say `works` wrongly; "
-        f"{sum(one.line_agrees for one in red if one.agrees)} of {sum(one.agrees for one in red)} agreeing failures "
-        "have the decisive line that was seen by hand.",
+        sum_up(compared),
         "",
-        f"Made by `{command}` on {store.now()[:10]}, {this_machine.facts().id}, Python {platform.python_version()}, "
-        "from [measured.toml](measured.toml).",
+        f"Made by `{command}` on {store.now()[:10]} from [measured.toml](measured.toml) and the reports `typed-*`.",
         "",
         "| | python | requirements | environment | by hand | harness | decisive line |",
         "| --- | --- | --- | --- | --- | --- | --- |",
@@ -161,20 +215,20 @@ def _cell(text: str) -> str:
     return code_cell(text[:160])
 
 
-def main(arguments: Sequence[str]) -> int:
-    """Run and compare; the whole table is written only when everything was run."""
-    pattern = arguments[0] if arguments else "*"
-    pairs = [(entry, cell_of(number, entry)) for number, entry in enumerate(entries(), 1)]
-    chosen = [(entry, cell) for entry, cell in pairs if fnmatchcase(cell.label, pattern)]
-    records = run([cell for _, cell in chosen], store.open_store())
-    compared = [one for (entry, _), record in zip(chosen, records, strict=True) for one in compare(entry, record)]
+def main() -> int:
+    """Compare all, and write the table."""
+    compared = list(reported())
     text = render(compared, "python tests/real/agreement.py")
-    if pattern == "*":
-        (HERE / "agreement.md").write_text(text)
+    (HERE / "agreement.md").write_text(text)
     print(text)
+    return 0 if good(compared) else 1
+
+
+def good(compared: Sequence[Comparison]) -> bool:
+    """Return whether the reports agree often enough, and none says `works` wrongly."""
     agreed = sum(one.agrees for one in compared) / len(compared)
-    return 0 if agreed >= GOAL and not any(one.wrong_works for one in compared) else 1
+    return agreed >= GOAL and not any(one.wrong_works for one in compared)
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())
