@@ -28,7 +28,8 @@ class Outputs:
             stages): the sum of each stage. `rows` (states, 3): rows of the solver that are of equalities, limits and
             contacts. After one step of the environment: `state`, `observation`, `reward` (states,), `ended` (states,
             2). `contacts`, `info` (states,): numbers of entries in the facts. `reset` (seeds, numbers): observations of
-            seeded resets. A large `observation` is kept of every second state. Without the arrays of states the bank does not fit.
+            seeded resets. A large `observation` is kept of every second state. Without the arrays of states the bank
+            does not fit.
         facts: What is no array; see `Stepper.describe` in the cell.
     """
 
