@@ -22,6 +22,9 @@ EPISODES, LONGEST_EPISODE = 5, 200
 MOVED_ACTIONS, UNMOVED = ("action", "state.past"), ("state.time", "state.seed", "state.count")
 """Parts of a state that a twin moves unless they are choices, and parts that it never moves."""
 
+LARGE_OBSERVATION, OBSERVED_EVERY = 100, 2
+"""An observation of more numbers than the first is kept of every second state: its rounding fills most of a report."""
+
 REPEATED = 30
 """States, of all kinds, that are stepped from once more at the end, and once more in a copy of the environment."""
 

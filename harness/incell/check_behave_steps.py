@@ -3,7 +3,7 @@
 from .cell_arrays import OUTPUTS, load, save
 from .cell_episode import open_single
 from .cell_physics import physics_of
-from .cell_steps import Stepper, starts, step_all
+from .cell_steps import LARGE_OBSERVATION, OBSERVED_EVERY, Stepper, starts, step_all
 
 
 def run(probe, _facts):
@@ -17,5 +17,8 @@ def run(probe, _facts):
         if stepper.fits(bank):
             outputs, more = step_all(probe, bank, stepper)
             facts.update(more)
+            if outputs["observation"].shape[1] > LARGE_OBSERVATION:
+                outputs["observation"] = outputs["observation"][::OBSERVED_EVERY]
+                facts["observed_every"] = OBSERVED_EVERY
         outputs["reset"], facts["lengths"] = starts(env, stepper.space)
     save(probe, OUTPUTS, outputs, dict(facts, form=1))

@@ -117,9 +117,13 @@ def gaps(name: str, first: Array, second: Array, bank: Bank) -> Array:
     return largest
 
 
-def ratios(name: str, difference: Array, bank: Bank) -> Array:
-    """Return the differences as multiples of the noise of their state, which is one ulp at least."""
-    return difference / np.maximum(bank.noise["step" if name == "warm_step" else name], _ulp(name, bank))
+def ratios(name: str, difference: Array, bank: Bank, every: int = 1) -> Array:
+    """Return the differences as multiples of the noise of their state, which is one ulp at least.
+
+    `every` is 2 where there is a difference for every second state alone.
+    """
+    noise = bank.noise["step" if name == "warm_step" else name][::every]
+    return difference / np.maximum(noise, _ulp(name, bank))
 
 
 def _ulp(name: str, bank: Bank) -> float:
@@ -128,7 +132,8 @@ def _ulp(name: str, bank: Bank) -> float:
 
 
 def _difference(name: str, first: Outputs, second: Outputs, bank: Bank) -> Difference:
-    left, right = first.arrays[name], second.arrays[name]
+    every = max(first.every(name), second.every(name))
+    left, right = (one.arrays[name][:: every // one.every(name)] for one in (first, second))
     if left.shape != right.shape:
         return Difference(output=name, kind=Class.OTHER_OBSERVATION)
     if left.shape[1:] != bank.scales[name].shape:  # both are unlike the cell that made the bank
@@ -136,7 +141,7 @@ def _difference(name: str, first: Outputs, second: Outputs, bank: Bank) -> Diffe
     if left.tobytes() == right.tobytes():
         return _identical(name)
     difference = gaps(name, left, right, bank)
-    ratio = ratios(name, difference, bank)
+    ratio = ratios(name, difference, bank, every)
     beyond = ratio >= CHANGED_RATIO
     kind = Class.ROUND_OFF
     if beyond.sum() >= FEW_STATES:
@@ -151,7 +156,7 @@ def _difference(name: str, first: Outputs, second: Outputs, bank: Bank) -> Diffe
         median=float(np.median(counted)) if counted.size else 0.0,
         share=float(beyond.mean()),
         ratio=float(ratio.max()),
-        state=int(ratio.argmax()),
+        state=int(ratio.argmax()) * every,
     )
 
 

@@ -28,7 +28,8 @@ class Outputs:
             stages): the sum of each stage. `rows` (states, 3): rows of the solver that are of equalities, limits and
             contacts. After one step of the environment: `state`, `observation`, `reward` (states,), `ended` (states,
             2). `contacts`, `info` (states,): numbers of entries in the facts. `reset` (seeds, numbers): observations of
-            seeded resets. Without the arrays of states the bank does not fit.
+            seeded resets. A large `observation` is kept of every second state. Without the arrays of states the bank
+            does not fit.
         facts: What is no array; see `Stepper.describe` in the cell.
     """
 
@@ -39,6 +40,10 @@ class Outputs:
     def steps_from_bank(self) -> bool:
         """Return whether the states of the bank could be set."""
         return "state" in self.arrays
+
+    def every(self, name: str) -> int:
+        """Return 2 for an array that holds every second state, and 1 for one that holds them all."""
+        return int(self.facts.get("observed_every", 1)) if name == "observation" else 1
 
     def entry(self, name: str, state: int) -> Any:
         """Return what `contacts` or `info` stands for at a state."""

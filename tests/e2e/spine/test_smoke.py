@@ -164,7 +164,7 @@ def test_workers_need_no_matrix_and_leave_what_a_run_leaves(desk: Desk) -> None:
     report = (desk.state / "reports" / "small" / "report.json").read_text()
     again = desk.run("run", "small.toml")
     assert "nothing to do: all 2 results are reused\n" in again.out
-    volatile = re.compile(r'"(generated|reused)": .*')
+    volatile = re.compile(r'"(generated|reused)": ?[^,]*')
     assert volatile.sub("", (desk.state / "reports" / "small" / "report.json").read_text()) == volatile.sub("", report)
 
 

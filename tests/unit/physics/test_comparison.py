@@ -180,6 +180,20 @@ def test_another_size_of_the_observation_is_another_observation() -> None:
     assert (found.kind, found.dynamics) == (Class.OTHER_OBSERVATION, Class.IDENTICAL)
 
 
+def test_an_observation_of_every_second_state_is_compared_there() -> None:
+    """A cell that kept all rows is held against one that kept half of them; the state is named by its own number."""
+    every = outputs().arrays
+    half = Outputs({**every, "observation": every["observation"][::2]}, {**outputs().facts, "observed_every": 2})
+    assert compare(outputs(), half, bank()).kind is Class.IDENTICAL
+    changed = every["observation"].copy()
+    changed[[4, 6]] += 0.1
+    found = compare(outputs(observation=changed), half, bank())
+    assert (found.kind, found.of("observation").state in {4, 6}) == (Class.OTHER_OBSERVATION, True)
+    unseen = every["observation"].copy()
+    unseen[[3, 5]] += 0.1
+    assert compare(outputs(observation=unseen), half, bank()).kind is Class.IDENTICAL
+
+
 def test_a_step_that_does_not_repeat_itself_is_recognised_first() -> None:
     """No difference of such a cell means anything."""
     assert compare(outputs(), with_facts(repeats=False), bank()).kind is Class.NONDETERMINISTIC
