@@ -22,7 +22,7 @@ EPISODES, LONGEST_EPISODE = 5, 200
 MOVED_ACTIONS, UNMOVED = ("action", "state.past"), ("state.time", "state.seed", "state.count")
 """Parts of a state that a twin moves unless they are choices, and parts that it never moves."""
 
-LARGE_OBSERVATION, OBSERVED_EVERY = 100, 2
+LARGE_OBSERVATION, OBSERVED_EVERY = 30, 2
 """An observation of more numbers than the first is kept of every second state: its rounding fills most of a report."""
 
 REPEATED = 30

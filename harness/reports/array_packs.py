@@ -22,6 +22,9 @@ WIDTH = 8
 NO_BASE = "0" * 64
 """Stands before an array that is kept as it is, where the SHA-256 of the array that it differs from would stand."""
 
+NEAR = 3
+"""How many arrays before an array are looked at for the most similar one."""
+
 FILES, ARRAYS = "npz", "array"
 """Folders of a pack: the arrays of each file by name, and the arrays."""
 
@@ -35,11 +38,11 @@ class Contents(msgspec.Struct, frozen=True):
 def pack(files: Mapping[str, bytes]) -> dict[str, bytes]:
     """Return the members of a pack for files of arrays, given by SHA-256.
 
-    Arrays of one name and size are kept as differences, each from the one before it: neighbouring releases have to
-    stand one after the other.
+    Arrays of one name and size are kept as differences, each from the most similar of the few before it: neighbouring
+    releases have to stand near each other. Two versions of a task often have arrays of one size.
     """
     members: dict[str, bytes] = {}
-    last: dict[tuple[str, int], str] = {}
+    before: dict[tuple[str, int], list[str]] = {}
     plain: dict[str, bytes] = {}
     for file, content in files.items():
         named = []
@@ -47,11 +50,13 @@ def pack(files: Mapping[str, bytes]) -> dict[str, bytes]:
             sha = sha256(array).hexdigest()
             named.append((name, sha))
             key = name, len(array)
+            latest = before.setdefault(key, [])
             if sha not in plain:
                 plain[sha] = array
-                base = last.get(key, NO_BASE)
-                members[f"{ARRAYS}/{sha}"] = base.encode() + _laid_out(_difference(array, plain.get(base)))
-            last[key] = sha
+                differences = [(base, _difference(array, plain[base])) for base in latest]
+                base, bits = max(differences or [(NO_BASE, array)], key=lambda pair: pair[1].count(0))
+                members[f"{ARRAYS}/{sha}"] = base.encode() + _laid_out(bits)
+            before[key] = [sha, *(one for one in latest if one != sha)][:NEAR]
         members[f"{FILES}/{file}"] = msgspec.json.encode(Contents(tuple(named)))
     return members
 

@@ -44,5 +44,5 @@ def family_legend(table: FamilyTable) -> str:
         f"Every release of {table.subject} was stepped from the same states. The same letter in a row means the same "
         "motion, observations, rewards and ends, up to rounding; another letter means a difference."
         f"{open_ends} {table.changed} of {table.tasks} environments change somewhere in these {table.measured} "
-        "releases. Observations of more than 100 numbers were compared in every second state."
+        "releases. Observations of more than 30 numbers were compared in every second state."
     )
