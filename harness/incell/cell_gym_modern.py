@@ -129,6 +129,9 @@ class GymnasiumAdapter(Adapter):
 class ModernEnvironment(Environment):
     """An environment of the API of five: reset(seed=...) -> (observation, info), step -> five values."""
 
+    seeded = None
+    """The action space that `seed_actions` seeded."""
+
     def __init__(self, raw, examiner):
         self.raw = raw
         self.examiner = examiner
@@ -189,12 +192,14 @@ class ModernEnvironment(Environment):
     def seed_actions(self, seed):
         """Seed the action space."""
         with library:
-            self.raw.action_space.seed(seed)
+            self.seeded = self.raw.action_space
+            self.seeded.seed(seed)
 
     def action(self):
-        """Sample the action space."""
+        """Sample the action space that was seeded: a reset may have put an equal one in its place, unseeded."""
         with library:
-            return self.raw.action_space.sample()
+            space = self.raw.action_space
+            return (self.seeded if self.seeded == space else space).sample()
 
     def describe(self):
         """Return the spaces."""
