@@ -37,7 +37,7 @@ def entry(cell: str) -> dict[str, Any]:
 
 
 def repeat(drawn: dict[str, Any], folder: Path) -> str:
-    """Return what uv, or the script, said last."""
+    """Return the last lines of uv or of the script."""
     cell = entry(drawn["id"])
     environment = {**os.environ, **cell["supplied"], **cell["environment"]}
     environment.pop("PYTHONPATH", None)
@@ -60,8 +60,8 @@ def repeat(drawn: dict[str, Any], folder: Path) -> str:
         [str(venv / "bin" / "python"), str(script)],
         cwd=folder, env=environment, capture_output=True, text=True, timeout=SECONDS, check=False,
     )  # fmt: skip
-    said = done.stdout if done.returncode == 0 else done.stderr
-    return "\n".join(said.strip().splitlines()[-LINES:])
+    output = done.stdout if done.returncode == 0 else done.stderr
+    return "\n".join(output.strip().splitlines()[-LINES:])
 
 
 def main() -> int:
@@ -74,12 +74,12 @@ def main() -> int:
     for drawn in (one for one in tomllib.loads(DRAWN.read_text())["cell"] if fnmatchcase(one["id"], args.only)):
         folder = Path(tempfile.mkdtemp())
         try:
-            said = repeat(drawn, folder)
+            output = repeat(drawn, folder)
         finally:
             shutil.rmtree(folder, ignore_errors=True)
-        agrees = drawn["ends"] in said
+        agrees = drawn["ends"] in output
         cell = entry(drawn["id"])
-        print(f"{'agrees' if agrees else 'DIFFERS'} {drawn['id']}" + ("" if agrees else f"\n{said}"), flush=True)
+        print(f"{'agrees' if agrees else 'DIFFERS'} {drawn['id']}" + ("" if agrees else f"\n{output}"), flush=True)
         rows.append((drawn["id"], cell["verdict"], cell["phase"] or "", drawn["ends"], agrees))
     if args.write:
         PAGE.write_text(page(rows))

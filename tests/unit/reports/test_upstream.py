@@ -286,7 +286,7 @@ def test_the_script_does_what_failed(
 @pytest.mark.parametrize(
     ("at", "check"), [("interop", "interop.cleanrl.log"), ("behave", "behave.steps"), ("suite", "suite.pytest")]
 )
-def test_what_no_short_script_holds_has_none(at: str, check: str) -> None:
+def test_a_check_without_a_short_script_has_none(at: str, check: str) -> None:
     """A script that does something else than what failed would reproduce nothing."""
     assert reproducing.script(Case(id="a", env="A-v0", api="gymnasium"), Phase(at), check, {}) is None
 
