@@ -73,9 +73,11 @@ def _of_case(folder: Path, cell: CellEntry, case: CaseEntry) -> Measurement:
     early = any(cell.phases.get(phase) not in WELL for phase in (Phase.RESOLVE, Phase.INSTALL))
     ended = {outcome for phase, outcome in case.phases.items() if phase is not Phase.BEHAVE}
     works = not early and Outcome.PASSED in ended and ended <= WELL
-    lines = {case.decisive, *case.reasons.values(), *case.masked.values()}
+    lines = _lines(case)
+    others = {line for other in cell.cases if other.case != case.case for line in _lines(other)}
     mine = [one for one in cell.diagnoses if one.seen in lines]
-    counted = known_failures.select_counting(msgspec.structs.replace(cell, diagnoses=tuple(mine) or cell.diagnoses))
+    mine = mine or [one for one in cell.diagnoses if one.seen not in others]
+    counted = known_failures.select_counting(msgspec.structs.replace(cell, diagnoses=tuple(mine)))
     causes = tuple(one.signature for one in counted)
     variables = tuple(f"{name}={value}" for name, value in sorted({**cell.environment, **cell.supplied}.items()))
     brought = sorted(map(str, cell.brought or ()))
@@ -91,6 +93,11 @@ def _of_case(folder: Path, cell: CellEntry, case: CaseEntry) -> Measurement:
         passed=works,
         reason=cell.expectation.reason if cell.expectation else "",
     )
+
+
+def _lines(case: CaseEntry) -> set[str | None]:
+    """Return the lines that say why a case ended as it did."""
+    return {case.decisive, *case.reasons.values(), *case.masked.values()}
 
 
 def _locked(path: Path | None) -> dict[str, str]:

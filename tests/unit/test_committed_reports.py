@@ -26,7 +26,7 @@ INCONCLUSIVE = {"masks": 21}
 """How many cells say nothing of packages, as they are meant to: workers that somebody kills by SIGKILL."""
 
 FOLDERS = sorted(path.parent for path in REPORTS.glob("*/report.json"))
-FOREIGN = re.compile(r"https?://[^ \"]*/(?:simple|packages)/|/(?:root|home|tmp|work)/")
+FOREIGN = re.compile(r"https?://[^ \"]*/(?:simple|packages)/|(?<!\$BUILD)/(?:root|home|tmp|work)/")
 """Addresses of an index, folders of a machine."""
 
 

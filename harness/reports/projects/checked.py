@@ -24,10 +24,11 @@ from harness.standalone.versions import is_version, specifiers, version
 
 FEW = 3
 LACKING = re.compile(
-    r"(\w+\.)*(NameNotFound|NamespaceNotFound|VersionNotFound|DeprecatedEnv|UnregisteredEnv|DependencyNotInstalled)\b"
+    r"ImportError: (The mujoco v2 and v3 based environments have been moved|`Pusher-v4` is only supported)"
+    r"|(\w+\.)*(NameNotFound|NamespaceNotFound|VersionNotFound|DeprecatedEnv|UnregisteredEnv|DependencyNotInstalled)\b"
     r"|.*Unable to find (the )?game"
 )
-"""Errors of gym and gymnasium for an id that nothing registers, and for a package or a ROM of one task alone."""
+"""Errors of gym and gymnasium for an id that a release has not, and for a package or a ROM of one task alone."""
 
 UPPER = frozenset({"<", "<=", "~=", "!="})
 """Operators by which a project keeps newer releases out; a pin is its own answer."""
@@ -76,6 +77,8 @@ def _of_set(each: MeasuredSet, project: Project, env: str | None) -> Iterator[Ch
     if not fitting:
         yield _unmeasured(each, project)
         return
+    # A line of requirements as somebody typed it may fail by a wrong id, or by a package that this project lacks.
+    fitting = [result for result in fitting if result.cell.axes.keys() & set(each.names)] or fitting
     good = [result for result in fitting if any(task.works for task in _tasks_of([result], project, env))]
     if _is_closed(project) and all(project.packages[name].pinned for name in each.names):
         tasks = _tasks_of(fitting, project, env)

@@ -150,6 +150,7 @@ def test_a_code_is_recognised_whatever_its_sentence(one: Signature) -> None:
             "panda-gym": "2",
             "gymnasium": "1.2.3",
             "envpool": "0.8.4",
+            "myosuite": "2.12.2",
         }
     )
     found = diagnose([msgspec.structs.replace(one, generic=False)], [told], around)

@@ -178,9 +178,13 @@ def test_committed_reports_can_be_read_at_every_width(path: Path, width: int) ->
     assert "…" not in output.getvalue()
     for pivot in (sheet.pivot for sheet in report.sheets if sheet.pivot):
         text = "".join(output.getvalue().split())
-        assert all(part in text for name in (*pivot.rows, *pivot.columns) for part in name.split("-"))
-        for one in (one for row in pivot.squares for square in row for one in square):
-            assert any(report_markdown.mark(pivot, one) in line for line in lines)
+        marks = {name: {report_markdown.mark(pivot, one) for square in row for one in square}
+                 for name, row in zip(pivot.rows, pivot.squares, strict=True)}  # fmt: skip
+        if "more rows in which all works" in output.getvalue():
+            marks = {name: row for name, row in marks.items() if not all(mark.startswith("✔") for mark in row)}
+        assert all(part in text for name in (*marks, *pivot.columns) for part in name.split("-"))
+        for mark in set().union(*marks.values()):
+            assert any(mark in line for line in lines)
 
 
 def test_terminal_has_the_width_that_columns_says(
