@@ -98,8 +98,14 @@ def _commands(body: str, options: Mapping[str, str], first: int) -> Iterator[Exa
 
 def fits(expected: str, printed: str) -> bool:
     """Return whether a printed text is the expected one: `...` stands for any text, lines may be wrapped elsewhere."""
-    parts = [r"\s+".join(map(re.escape, part.split())) for part in expected.split(ANY)]
-    return re.fullmatch(r"\s*" + r"\s*(?:.*?)\s*".join(parts) + r"\s*", printed, re.DOTALL) is not None
+    text = " ".join(printed.split())
+    first, *rest = (" ".join(part.split()) for part in expected.split(ANY))
+    if not rest:
+        return text == first
+    place = len(first)
+    for part in rest[:-1]:
+        place = text.find(part, place) + len(part) if part in text[place:] else len(text) + 1
+    return text.startswith(first) and text.endswith(rest[-1]) and place <= len(text) - len(rest[-1])
 
 
 @dataclass(frozen=True, kw_only=True)
