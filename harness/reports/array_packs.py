@@ -23,7 +23,7 @@ NO_BASE = "0" * 64
 """Stands before an array that is kept as it is, where the SHA-256 of the array that it differs from would stand."""
 
 NEAR = 3
-"""How many arrays before an array are looked at for the most similar one."""
+"""Arrays before an array among which the most similar one is chosen."""
 
 FILES, ARRAYS = "npz", "array"
 """Folders of a pack: the arrays of each file by name, and the arrays."""

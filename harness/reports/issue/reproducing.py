@@ -56,8 +56,8 @@ def _gymnasium(case: Case, phase: Phase, check: str, installed: Mapping[str, str
     draws = phase is Phase.RENDER
     if phase is Phase.VECTOR:
         return _vector(case, check, modern=modern)
-    if check in REPEATED:
-        return _repeat(case, same=check == "single.repeat.same") if modern else None
+    if check.startswith(REPEAT):
+        return _repeat(case, same=check in {f"{REPEAT}.same", f"{REPEAT}.first"}) if modern else None
     if phase is Phase.INTEROP:
         learn = LEARNING.get(check)
         return learn(case) if learn else None
@@ -76,7 +76,7 @@ def _gymnasium(case: Case, phase: Phase, check: str, installed: Mapping[str, str
     return [*lines, "env.close()"]
 
 
-REPEATED = frozenset({"single.repeat", "single.repeat.same", "single.repeat.fresh"})
+REPEAT = "single.repeat"
 
 
 def _repeat(case: Case, *, same: bool) -> list[str]:
@@ -134,7 +134,7 @@ def _minari(case: Case) -> list[str]:
 
 
 LEARNING = {"interop.sb3.learn": _sb3, "interop.minari.dataset": _minari}
-"""What trains, or records, by the name of its check."""
+"""Scripts that train or record, by the name of the check."""
 
 
 def _vector(case: Case, check: str, *, modern: bool) -> list[str]:
@@ -293,7 +293,7 @@ def _envpool(case: Case, phase: Phase, check: str, installed: Mapping[str, str])
 
 
 def _pettingzoo(case: Case, phase: Phase, check: str, installed: Mapping[str, str]) -> list[str] | None:
-    module, _, name = _named(case).rpartition("/")
+    module, _, name = _named(case).removeprefix("aec:").rpartition("/")
     if phase not in {Phase.SINGLE, Phase.RENDER} or not module or not name.isidentifier():
         return None
     mode = {"render_mode": '"rgb_array"'} if phase is Phase.RENDER else {}

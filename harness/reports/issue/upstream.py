@@ -212,7 +212,7 @@ def _again(failing: Failing) -> Iterator[str]:
     yield block("\n".join(lines), "sh")
 
 
-NO_SCRIPT = "What was run then is no short script, and these lines do not hold it."
+NO_SCRIPT = "No short script reproduces this failure: these lines only install the packages."
 
 
 def _install(failing: Failing) -> str:

@@ -266,10 +266,20 @@ MODERN, OLD = {"gym": "0.26.2"}, {"gym": "0.21.0"}
             ["GymWrapper(env)", "from gymnasium.vector"],
         ),
         ("A-v0", "gymnasium", "single", "single.repeat.same", {}, ["second = first", "array_equal"]),
+        ("A-v0", "gymnasium", "single", "single.repeat.first", {}, ["second = first"]),
+        ("A-v0", "gymnasium", "single", "single.repeat.fresh", {}, ['second = gymnasium.make("A-v0")']),
         ("A-v0", "gymnasium", "interop", "interop.sb3.learn", {}, ["PPO(policy, env", "total_timesteps=64"]),
         ("A-v0", "gymnasium", "interop", "interop.minari.dataset", {}, ["minari.DataCollector(gymnasium.make"]),
         ("envpool:A-v0", "envpool", "vector", "vector.sync", {}, ['envpool.make("A-v0", num_envs=2']),
         ("pettingzoo:classic/rps_v2", "pettingzoo", "single", "single.loop", {}, ["rps_v2.env()", "env.last()"]),
+        (
+            "pettingzoo:aec:classic/tictactoe_v3",
+            "pettingzoo",
+            "single",
+            "single.loop",
+            {},
+            ["from pettingzoo.classic import tictactoe_v3"],
+        ),
     ],
 )
 def test_the_script_does_what_failed(
