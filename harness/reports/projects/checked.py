@@ -24,8 +24,7 @@ from harness.standalone.versions import is_version, specifiers, version
 
 FEW = 3
 LACKING = re.compile(
-    r"ImportError: (The mujoco v2 and v3 based environments have been moved|`Pusher-v4` is only supported)"
-    r"|(\w+\.)*(NameNotFound|NamespaceNotFound|VersionNotFound|DeprecatedEnv|UnregisteredEnv|DependencyNotInstalled)\b"
+    r"(\w+\.)*(NameNotFound|NamespaceNotFound|VersionNotFound|DeprecatedEnv|UnregisteredEnv|DependencyNotInstalled)\b"
     r"|.*Unable to find (the )?game"
 )
 """Errors of gym and gymnasium for an id that a release has not, and for a package or a ROM of one task alone."""
@@ -77,15 +76,18 @@ def _of_set(each: MeasuredSet, project: Project, env: str | None) -> Iterator[Ch
     if not fitting:
         yield _unmeasured(each, project)
         return
-    # A line of requirements as somebody typed it may fail by a wrong id, or by a package that this project lacks.
-    fitting = [result for result in fitting if result.cell.axes.keys() & set(each.names)] or fitting
+    # A line of requirements as somebody typed it may fail by a wrong id, or by a package that this project lacks: what
+    # works there counts, what fails does not.
+    varied = [result for result in fitting if result.cell.axes.keys() & set(each.names)] or fitting
     good = [result for result in fitting if any(task.works for task in _tasks_of([result], project, env))]
     if _is_closed(project) and all(project.packages[name].pinned for name in each.names):
-        tasks = _tasks_of(fitting, project, env)
+        tasks = _tasks_of(varied, project, env)
+        tried = {task.env for task in tasks}
+        tasks += [task for task in _tasks_of(fitting, project, env) if task.works and task.env not in tried]
         works = [task for task in tasks if task.works]
         fails = [task for task in tasks if not task.works]
         yield from [_good(each, works, project)] if works else []
-        yield from [_bad(each, fails, fitting, len(tasks))] if fails or not works else []
+        yield from [_bad(each, fails, varied, len(tasks))] if fails or not works else []
         return
     if good:
         newest = max(_newness(result, each.names) for result in good)
@@ -93,7 +95,7 @@ def _of_set(each: MeasuredSet, project: Project, env: str | None) -> Iterator[Ch
         yield _good(each, [task for task in _tasks_of(alike, project, env) if task.works], project)
     broken = [
         trap
-        for trap in traps.find_traps(fitting, _query(each, project, env))
+        for trap in traps.find_traps(varied, _query(each, project, env))
         if _counts(trap, good) and (env or not _lacks(trap.line))
     ]
     yield from (_admits(each, trap, fitting, project, env) for trap in broken)

@@ -178,6 +178,20 @@ def test_a_task_that_lacks_what_it_alone_needs(world: World, line: str) -> None:
     assert kinds(world.check(project(mujoco="3.2.0"), env="Hopper-v5")) == [Kind.BAD]
 
 
+def test_a_typed_line_that_fails_is_no_fault_of_versions_that_a_matrix_varies(world: World) -> None:
+    """It may have a wrong id, or a package that the project lacks."""
+    pins = {"gymnasium": "1.2.0", "mujoco": "3.2.0", "numpy": "2.2.6"}
+    world.add("3.11", pins)
+    fails = dict.fromkeys(("Ant-v5", "Hopper-v5"), "AttributeError: of PyOpenGL")
+    requirements = ("gymnasium==1.2.0", "mujoco==3.2.0", "pyopengl==3.1.0")
+    world.add("3.11", {**pins, "pyopengl": "3.1.0"}, fails=fails, requirements=requirements)
+    own = kinds(world.check(project(mujoco=">=3.2")))
+    world.cells[-1] = msgspec.structs.replace(world.cells[-1], axes={"python": "3.11", "packages": "typed"})
+
+    assert own == [Kind.ADMITS, Kind.GOOD]
+    assert kinds(world.check(project(mujoco=">=3.2"))) == [Kind.GOOD]
+
+
 def test_a_range_that_admits_a_broken_release(world: World) -> None:
     """mujoco>=3.1 admits 3.3.0, which is broken; the bound that keeps it out is named."""
     world.add("3.11", {"gymnasium": "1.2.0", "mujoco": "3.2.0", "numpy": "2.2.6"})
