@@ -109,6 +109,7 @@ class Search:
     def __init__(self, lab: Lab) -> None:
         self.lab = lab
         self.queue: list[_Entry] = []
+        self.opened: set[tuple[str, tuple[tuple[str, str], ...]]] = set()
         self.numbers = count()
         self.now: _Entry | None = None
         self.cure: _Cure | None = None
@@ -155,7 +156,16 @@ class Search:
     # --- looking ---------------------------------------------------------------------------------------------------
 
     def _open(self, change: Change, trial: Trial, depth: int, ways: Iterable[Way] = STAGES) -> None:
-        """Queue the stages to try at a place."""
+        """Queue the stages to try at a place.
+
+        A failure in the same environment and with the same variables is gone into once, whatever change led there.
+        """
+        key = trial.record.key
+        if key:
+            measured = (key, tuple(sorted(change.environment.items())))
+            if measured in self.opened:
+                return
+            self.opened.add(measured)
         phase = trial.failure.phase if trial.failure else None
         place = Place(lab=self.lab, change=change, trial=trial, phase=phase or Phase.SUITE)
         for way in ways:
