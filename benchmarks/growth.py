@@ -119,7 +119,7 @@ def prepare(matrix: Path) -> None:
     """Store what a run of the matrix would have measured."""
     opened = store.open_store()
     plan = open_matrix.set_instant(open_matrix.load(str(matrix), print), opened)
-    fakecells.fill(plan.cells, opened, progress.Progress(len(plan.cells), 2, publishing.headline))
+    fakecells.fill(plan.cells, opened, progress.Progress(len(plan.cells), 2, progress.headline))
 
 
 def stages(matrix: Path) -> dict[str, float]:
@@ -138,7 +138,7 @@ def stages(matrix: Path) -> dict[str, float]:
     with timing("plan"):
         plan = open_matrix.set_instant(open_matrix.load(str(matrix), print), opened)
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        board = progress.Progress(len(plan.cells), 2, publishing.headline)
+        board = progress.Progress(len(plan.cells), 2, progress.headline)
         first = Runner(opened, Settings(), board)
         records = [record for cell in plan.cells if (record := first.find_record(cell))]
         with timing("store"):

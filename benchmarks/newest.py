@@ -28,9 +28,8 @@ from harness.model.errors import HarnessError
 from harness.model.vocabulary import parsed_requirement
 from harness.packages import index
 from harness.reports import document
-from harness.reports.publishing import headline
 from harness.reports.text.markdown_texts import code_cell
-from harness.reports.text.progress import Progress
+from harness.reports.text.progress import Progress, headline
 from harness.running import open_matrix, scheduler
 
 PAGE = Path(__file__).parent / "newest.md"

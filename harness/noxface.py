@@ -21,10 +21,11 @@ from dataclasses import dataclass
 
 import nox
 
+from harness.commands.arguments import DEFAULT_FAIL_ON, fail_kinds
 from harness.model import Cell, Plan, Verdict, cellid
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import CellEntry, format_count, word
-from harness.reports import document, publishing
+from harness.reports import document
 from harness.running import open_matrix
 
 VARIABLE = "HARNESS_MATRICES"
@@ -158,7 +159,7 @@ def _run(session: nox.Session, reason: str, name: str, glob: str, *options: str)
 def _end(session: nox.Session, entries: Sequence[CellEntry], stale: Sequence[str]) -> None:
     """End the session: fail if a cell is unexpected, out of date or inconclusive, skip if no cell could be measured."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument("--fail-on", type=publishing.kinds, default=publishing.DEFAULT_FAIL_ON)
+    parser.add_argument("--fail-on", type=fail_kinds, default=DEFAULT_FAIL_ON)
     fail_on = {*parser.parse_known_args(session.posargs)[0].fail_on}
     ids = {entry.id for entry in entries}
     # A sentence about a cell begins with its id; one about an expectation that matches no cell belongs to no session.

@@ -103,7 +103,8 @@ def check_promises(desk: Desk, fault: Fault) -> FaultResult:
     except Unavailable as missing:
         return FaultResult(f"not tried: needs {missing}", True)
     except Exception as broke:  # a broken promise often breaks the fault's own looking
-        return FaultResult(f"{type(broke).__name__}: {last_line(str(broke))} {_where(broke)}", False)
+        ends = [f"; the last command ended with {ran.code}: {last_line(ran.err)}" for ran in desk.ran[-1:]]
+        return FaultResult("".join((f"{type(broke).__name__}: {last_line(str(broke))} {_where(broke)}", *ends)), False)
     words = [came.what]
     bugs = [ran for ran in desk.ran if ran.code == 4 or "Traceback (most recent call last)" in ran.err]
     if bugs:

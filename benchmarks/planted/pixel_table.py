@@ -19,7 +19,6 @@ from benchmarks.planted.table import PAGE, PICTURES
 from harness.machine import store, this_machine
 from harness.physics.pixels import Drawings, Look, Part, PixelComparison, compare
 from harness.probes.vault import Vault
-from harness.reports import publishing
 from harness.reports.pictures import stored_pictures
 from harness.running import open_matrix
 
@@ -66,7 +65,7 @@ def load() -> dict[str, Drawings]:
     """Return the drawings of each case."""
     opened, plan = store.open_store(), open_matrix.load(str(MATRIX), lambda _: None, offline=True)
     plan = open_matrix.set_instant(plan, opened, offline=True)
-    record = publishing.load_record(opened, this_machine.facts().id, plan.cells[0])
+    record = opened.load_current(this_machine.facts().id, plan.cells[0])
     drawn = (
         {case.case: stored_pictures.of_states(case, Vault(opened.folder)) for case in record.cases} if record else {}
     )

@@ -25,7 +25,6 @@ from harness.physics.relation import Class, Comparison
 from harness.probes import array_files
 from harness.probes.evidence import GIVEN, OUTPUTS
 from harness.probes.vault import MOST_FILE, Vault
-from harness.reports import publishing
 from harness.running import behaviour_runs, open_matrix
 
 PAGE = Path(__file__).parents[1] / "planted.md"
@@ -79,7 +78,7 @@ def load() -> tuple[Bank, dict[str, Outputs]]:
         open_matrix.load(str(Path(__file__).parent / "planted-changes.toml"), lambda _: None, offline=True),
     )
     plan = open_matrix.set_instant(plan, opened, offline=True)
-    record = publishing.load_record(opened, this_machine.facts().id, plan.cells[0])
+    record = opened.load_current(this_machine.facts().id, plan.cells[0])
     if record is None:
         sys.exit("run `simmatrix run benchmarks/planted/planted-changes.toml` first")
     vault = Vault(opened.folder)

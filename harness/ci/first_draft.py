@@ -14,7 +14,6 @@ from harness.machine import interpreters, store
 from harness.model.errors import BadInput, HarnessError
 from harness.model.vocabulary import GYM, GYMNASIUM, HOST
 from harness.packages import index
-from harness.reports import publishing
 from harness.reports.text import progress
 from harness.running import open_matrix
 
@@ -27,7 +26,7 @@ def cases(about: Project, pythons: Sequence[str], *, offline: bool) -> FirstCase
     """Ask the installed package; where it cannot be installed here, take what its sources seem to register."""
     opened = store.open_store()
     order = first_cases.by_preference(pythons, None)
-    with progress.Progress(0, 1, publishing.headline) as board:
+    with progress.Progress(0, 1, progress.headline) as board:
         scout = Scout(
             opened=opened,
             observer=board,
@@ -68,7 +67,7 @@ def without_clashes(draft: Draft, path: Path) -> Draft:
         planned = open_matrix.set_instant(open_matrix.load(str(path), lambda _: None), opened)
     except HarnessError:  # it is loaded again right after, and says it then
         return draft
-    with progress.Progress(0, 1, publishing.headline) as board:
+    with progress.Progress(0, 1, progress.headline) as board:
         clashes = first_values.find_clashes(planned.cells, packages, opened, board)
     gone = clashes.get(first_values.PYTHON, ())
     note = f"Left out: Python {', '.join(gone)}, on which the newest releases of the axes cannot be installed."

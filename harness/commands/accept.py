@@ -17,7 +17,7 @@ from harness.model import Cell, Plan
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import UNTOLD, CellEntry, format_count
 from harness.model.vocabulary import Instant
-from harness.reports import document, expectation_writer, publishing
+from harness.reports import document, expectation_writer
 from harness.running import open_matrix
 from harness.running.signatures import shipped_signatures
 
@@ -101,7 +101,7 @@ def _load_entries(plan: Plan) -> dict[str, list[CellEntry]]:
     opened = store.open_store()
     dated = open_matrix.set_instant(plan, opened)
     here = this_machine.facts()
-    records = [record for cell in dated.cells if (record := publishing.load_record(opened, here.id, cell))]
+    records = [record for cell in dated.cells if (record := opened.load_current(here.id, cell))]
     if not records:
         message = (
             f"{plan.matrix}: no results on this machine; run `simmatrix run` first, or name a report.json with --report"

@@ -6,8 +6,10 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from harness.reports import publishing
 from harness.running import scheduler, shards
+
+FAIL_ON = ("unexpected", "stale", "inconclusive", "unavailable", "not_run")
+DEFAULT_FAIL_ON = ("unexpected", "stale")
 
 
 def matrix(parser: argparse.ArgumentParser) -> None:
@@ -63,8 +65,18 @@ def verify(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--verify", action="store_true", help=meaning)
 
 
-def fail_on(parser: argparse.ArgumentParser, default: Sequence[str] = publishing.DEFAULT_FAIL_ON) -> None:
+def fail_on(parser: argparse.ArgumentParser, default: Sequence[str] = DEFAULT_FAIL_ON) -> None:
     """Add `--fail-on`."""
-    kinds = ", ".join(publishing.FAIL_ON)
+    kinds = ", ".join(FAIL_ON)
     meaning = f"exit with status 1 for results that are {kinds}; separate with commas (default: {','.join(default)})"
-    parser.add_argument("--fail-on", type=publishing.kinds, default=default, metavar="KINDS", help=meaning)
+    parser.add_argument("--fail-on", type=fail_kinds, default=default, metavar="KINDS", help=meaning)
+
+
+def fail_kinds(text: str) -> tuple[str, ...]:
+    """Parse the value of `--fail-on`. Raises ArgumentTypeError for an unknown kind."""
+    names = tuple(name.strip() for name in text.split(",") if name.strip())
+    unknown = [name for name in names if name not in FAIL_ON]
+    if unknown:
+        message = f"unknown kind {unknown[0]!r}; choose from {', '.join(FAIL_ON)}"
+        raise argparse.ArgumentTypeError(message)
+    return names

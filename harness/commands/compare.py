@@ -82,7 +82,7 @@ def main(args: argparse.Namespace) -> int:
     """Measure both cells where that was not done before, and compare them."""
     opened = store.open_store()
     settings = scheduler.Settings(offline=args.offline)
-    with progress.Progress(0, 1, publishing.headline) as board:
+    with progress.Progress(0, 1, progress.headline) as board:
         first, second = (find_cell.find("compare", text, opened, offline=args.offline)[1] for text in args.cells)
         pairs = _common(first, second, args.env)
         runner = scheduler.Runner(opened, settings, board)
@@ -230,7 +230,7 @@ def _entry(
 
 def _frames(cell: Cell, case: Case, opened: store.Store) -> tuple[str, ...]:
     """Return the frames that were drawn of a case when its cell was measured."""
-    record = publishing.load_record(opened, this_machine.facts().id, cell)
+    record = opened.load_current(this_machine.facts().id, cell)
     cases = record.cases if record else ()
     locate = publishing.seen_from_here(Path(opened.folder))
     return tuple(

@@ -19,8 +19,8 @@ from harness.physics.comparison import compare
 from harness.physics.outputs import FORM, Bank, Outputs
 from harness.physics.relation import Comparison
 from harness.probes import array_files
+from harness.probes.evidence import MOST_ARRAYS
 from harness.probes.vault import Vault
-from harness.reports import publishing
 from harness.reports.text import progress
 from harness.running import behaviour_runs, scheduler
 from harness.standalone import wrapping
@@ -67,7 +67,7 @@ def main(args: argparse.Namespace) -> int:
     frozen = read(args.check) if args.check else None
     opened = store.open_store()
     settings = scheduler.Settings(offline=args.offline)
-    with progress.Progress(0, 1, publishing.headline) as board:
+    with progress.Progress(0, 1, progress.headline) as board:
         cell = find_cell.find("freeze", args.cell, opened, offline=args.offline)[1]
         if frozen is None:
             return _write(args, cell, opened, settings, board)
@@ -122,7 +122,7 @@ def read(path: Path) -> tuple[Bank, bytes]:
     """Return the bank in a file and its content. Raises BadInput, saying what is wrong and what to do."""
     again = "write it again with `simmatrix freeze CELL --out FILE`"
     try:
-        content = guarded_files.read(path, array_files.MOST_BYTES, follow=True)
+        content = guarded_files.read(path, MOST_ARRAYS, follow=True)
         arrays = array_files.unseal(content)
         facts = array_files.facts(arrays)
     except Unreadable as error:

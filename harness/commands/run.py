@@ -9,15 +9,12 @@ from functools import partial
 from pathlib import Path
 
 from harness.commands import arguments, select_cells
-from harness.judging.assess import assess
 from harness.machine import store
 from harness.machine.console import tell
 from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
 from harness.model.errors import BadInput, HarnessError
 from harness.model.report_types import format_count
-from harness.reports import publishing
 from harness.reports.answers import misspelt
-from harness.reports.tables import tables
 from harness.reports.text import progress
 from harness.running import open_matrix, remedy_trials, scheduler, shards
 from harness.running.offline import offline_bundle
@@ -87,14 +84,17 @@ def main(args: argparse.Namespace) -> int:
     cells = select_cells.select([cell for plan in planned for cell in plan.cells], args.k)
     if layer is None:
         misspelt.check_cells(cells, tell, offline=settings.offline)
-    tables.check_pivot(args.pivot, [plan.axes for plan in planned])
+    if args.pivot:
+        from harness.reports.tables import tables  # noqa: PLC0415 - start-up
+
+        tables.check_pivot(args.pivot, [plan.axes for plan in planned])
     if args.out:
         store.writable(args.out)
     opened = store.open_store()
     plans = [open_matrix.set_instant(plan, opened, fetched=layer, offline=settings.offline) for plan in planned]
     chosen = _chosen(args, plans, opened, layer)
     earlier = partial(_earlier_seconds, args.matrices, plans, chosen, opened)
-    with progress.Progress(len(chosen), settings.jobs, publishing.headline, earlier) as board:
+    with progress.Progress(len(chosen), settings.jobs, progress.headline, earlier) as board:
         records = scheduler.run(chosen, opened, settings, board)
     if args.prove:
         plans, more = _run_remedies(plans, records, opened, settings)
@@ -102,6 +102,8 @@ def main(args: argparse.Namespace) -> int:
     if args.repair:
         plans, more = _run_repairs(plans, records, opened, settings)
         records = (*records, *more)
+    from harness.reports import publishing  # noqa: PLC0415 - start-up: the report comes after the last cell
+
     return publishing.finish(plans, records, opened, publishing.Wanted.of(args))
 
 
@@ -109,6 +111,8 @@ def _run_remedies(
     plans: Sequence[Plan], records: Sequence[CellRecord], opened: store.Store, settings: scheduler.Settings
 ) -> tuple[list[Plan], tuple[CellRecord, ...]]:
     """Run red cells again with the remedies of known failures. Return the plans with these cells, and their records."""
+    from harness.judging.assess import assess  # noqa: PLC0415 - start-up: it takes numpy
+
     knowledge, recipes = shipped_signatures.load_knowledge(opened.folder), partial(open_matrix.recipes, Path())
     assessed = {plan.matrix: [assess(record, knowledge) for record in _of(plan, records)] for plan in plans}
     cells = [cell for plan in plans for cell in remedy_trials.make_trials(plan.cells, assessed[plan.matrix], recipes)]
@@ -116,7 +120,7 @@ def _run_remedies(
         tell("no fix of a known issue is left to try")
         return list(plans), ()
     tell(f"{format_count(len(cells), 'failed combination')} to measure again, each with the fix of a known issue")
-    with progress.Progress(len(cells), settings.jobs, publishing.headline) as board:
+    with progress.Progress(len(cells), settings.jobs, progress.headline) as board:
         more = scheduler.run(cells, opened, settings, board)
     return [remedy_trials.add(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
 

@@ -39,7 +39,7 @@ def main(args: argparse.Namespace) -> int:
     given = ad_hoc_cell.read(args)
     opened = store.open_store()
     settings = scheduler.Settings(fresh=args.fresh, offline=args.offline, verify=args.verify)
-    with progress.Progress(1, 1, publishing.headline) as board:
+    with progress.Progress(1, 1, progress.headline) as board:
         planned = ad_hoc_cell.plan_cell(args, given, opened, scheduler.Runner(opened, settings, board))
         (record,) = scheduler.run(planned.cells, opened, settings, board)
     # Only the run shows that nothing registers an id. A mistyped id is bad input and no fact about packages.

@@ -35,6 +35,16 @@ def compare_parameters(before, after):
         violate("interop.unchanged", size=int(after.size))
 
 
+def learn(facts, model, steps):
+    """Let a model of Stable-Baselines3 learn; its steps have to be those asked for, and its policy another one."""
+    before = copy_parameters(model.policy)
+    with library:
+        model.learn(total_timesteps=steps)
+    compare_parameters(before, copy_parameters(model.policy))
+    check_count(steps, model.num_timesteps)
+    facts["steps"] = steps
+
+
 def check_count(promised, got):
     """Refuse another number of steps than was asked for."""
     if int(got) != promised:

@@ -4,6 +4,7 @@ import importlib
 
 from .cell_errors import library
 from .cell_interop import close, import_sb3, make_environment
+from .cell_learners import learn
 
 STEPS = 64
 """How long a learner learns: two rounds of steps, with an update after each."""
@@ -19,10 +20,10 @@ def run(probe, facts):
         with library:
             rounds = {"n_steps": STEPS // 2, "batch_size": STEPS // 2, "n_epochs": 1}
             model = sb3.PPO(_policy(env), env, device="cpu", seed=probe.case["seed"], **rounds)
-            model.learn(total_timesteps=STEPS)
+        learn(facts, model, STEPS)
+        with library:
             action, _ = model.predict(env.reset(), deterministic=True)
             env.step(action)
-        facts["steps"] = int(model.num_timesteps)
     finally:
         close(env)
 

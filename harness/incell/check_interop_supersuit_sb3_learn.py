@@ -2,6 +2,7 @@
 
 from .cell_errors import library
 from .cell_interop import close, import_sb3
+from .cell_learners import learn
 from .cell_supersuit import COPIES, make_vector
 
 STEPS = 16
@@ -16,9 +17,9 @@ def run(probe, facts):
         with library:
             rounds = {"n_steps": STEPS, "batch_size": STEPS, "n_epochs": 1}
             model = sb3.PPO("MlpPolicy", vector, device="cpu", **rounds)
-            model.learn(total_timesteps=2 * STEPS * COPIES * len(env.possible_agents))
+        learn(facts, model, 2 * STEPS * COPIES * len(env.possible_agents))
+        with library:
             action, _ = model.predict(vector.reset(), deterministic=True)
             vector.step(action)
-        facts["steps"] = int(model.num_timesteps)
     finally:
         close(vector)

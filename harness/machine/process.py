@@ -11,8 +11,6 @@ import marshal
 import os
 import select
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -23,11 +21,11 @@ from time import monotonic
 from typing import Any, Self, get_type_hints, overload
 
 from harness.machine.files.scratch_folders import scratch_folder
+from harness.machine.fork_server import Guard
 from harness.machine.supervisor import SIZE, tree
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable, raise_unreadable
 
-SUPERVISOR = Path(__file__).parent / "supervisor" / "__main__.py"
 SANDBOXES = ("pid+overlay", "pid+readonly", "subreaper+overlay", "subreaper+readonly", "subreaper")
 """Best first: how processes are held together, and how sealed folders are kept from writes."""
 
@@ -52,9 +50,6 @@ CONFINING = (
 """Settings of the kernel that forbid namespaces; not every kernel has all."""
 STUCK_SECONDS = 20.0  # beyond its deadline a supervisor itself is ended
 WAKE_SECONDS = 1.0  # between two wakings of a supervisor that somebody may have stopped
-LOADER = ("LD_LIBRARY_PATH",)
-"""All that a supervisor inherits of the environment: what this Python may need to start. It can be read by the command
-through /proc, where the command has the rights for that; tokens of the user must not stand there."""
 
 
 class Profile(StrEnum):
@@ -151,16 +146,7 @@ class Running:
         self.command, self.sandbox = command, sandbox
         command.log.parent.mkdir(parents=True, exist_ok=True)
         with command.log.open("wb") as log:
-            self._supervisor = subprocess.Popen(
-                (sys.executable, "-I", "-S", str(SUPERVISOR)),
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=log,
-                bufsize=0,
-                env={name: os.environ[name] for name in LOADER if name in os.environ},
-                # Ctrl-C in a terminal must not reach the supervisor: `stop` ends each command and gives the reason.
-                start_new_session=True,
-            )
+            self._guard = Guard(log)
         self._overdue = monotonic() + command.limits.seconds + STUCK_SECONDS
         self._woken = monotonic()
         self._report = b""
@@ -172,7 +158,7 @@ class Running:
     @property
     def pid(self) -> int:
         """Return the process id of its supervisor."""
-        return self._supervisor.pid
+        return self._guard.pid
 
     @property
     def log(self) -> Path:
@@ -217,41 +203,33 @@ class Running:
             self.wait()
 
     def _tell(self, message: bytes) -> None:
-        assert self._supervisor.stdin
         with self._pipe:
-            try:
-                self._supervisor.stdin.write(message)
-            except (BrokenPipeError, ValueError):  # it has ended already; the report, or its absence, says how
-                return
+            self._guard.tell(message)
 
     def _see_to_supervisor(self, now: float) -> None:
         """End a supervisor that is overdue; wake it, in case it was stopped."""
         if now > self._overdue:
-            self._supervisor.kill()
+            self._guard.signal(signal.SIGKILL)
         elif now - self._woken > WAKE_SECONDS:
             self._woken = now
-            self._supervisor.send_signal(signal.SIGCONT)
+            self._guard.signal(signal.SIGCONT)
 
     def _hang_up(self) -> None:
-        assert self._supervisor.stdin
         with self._pipe:
-            self._supervisor.stdin.close()
+            self._guard.hang_up()
 
     def _readable(self, patience: float) -> bool:
-        assert self._supervisor.stdout
         poller = select.poll()
-        poller.register(self._supervisor.stdout, select.POLLIN)
+        poller.register(self._guard.report, select.POLLIN)
         return bool(poller.poll(patience * 1000))
 
     def _read(self) -> None:
-        assert self._supervisor.stdout
-        data = self._supervisor.stdout.read(1 << 16)
+        data = os.read(self._guard.report, 1 << 16)
         if data:
             self._report += data
             return
         self._hang_up()
-        self._supervisor.stdout.close()
-        code = self._supervisor.wait()
+        code = self._guard.wait()
         report = _report(self._report) if not code else None
         if report is None:
             _end_orphans(self.command)

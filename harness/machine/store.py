@@ -263,6 +263,16 @@ class Store:
             record = replace(before, cell=_renamed(before.cell))
         return record if record and record.cell.id == cell.id else None
 
+    def load_current(self, machine: str, cell: Cell) -> CellRecord | None:
+        """Return the earlier record of a cell if it is still the same cell.
+
+        Its expectation, and why it is tried, may have changed.
+        """
+        record = self.load_cell(machine, cell)
+        if record and replace(record.cell, expect=cell.expect, tried=cell.tried) == cell:
+            return replace(record, cell=cell, reused=True)
+        return None
+
     def read_summary(self, machine: str, cell: Cell) -> StoredSummary | None:
         """Return the part of a cell's last record that shows its cost; None if there is no record."""
         files = (self.cell_file(machine, name) for name in (cell.id, cellid.to_old_form(cell)))

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.model.hostile_data import Unreadable, raise_unreadable
+from harness.probes.evidence import MOST_ARRAYS
 
-MOST_BYTES, MOST_PARTS = 32 << 20, 64
+MOST_PARTS = 64
 FACTS, HASH = "facts", "sha256"
 """The part that holds JSON, as bytes, and the fact that holds the hash of the rest."""
 
@@ -26,14 +27,14 @@ Arrays = Mapping[str, NDArray[Any]]
 
 def decode(content: bytes) -> dict[str, NDArray[Any]]:
     """Return the arrays of a file by name. Raises Unreadable."""
-    if len(content) > MOST_BYTES:
-        message = f"it is longer than {MOST_BYTES} bytes"
+    if len(content) > MOST_ARRAYS:
+        message = f"it is longer than {MOST_ARRAYS} bytes"
         raise Unreadable(message)
     arrays = {}
     with raise_unreadable(), zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = archive.infolist()
-        if len(members) > MOST_PARTS or sum(one.file_size for one in members) > MOST_BYTES:
-            message = f"it holds more than {MOST_PARTS} arrays or {MOST_BYTES} bytes"
+        if len(members) > MOST_PARTS or sum(one.file_size for one in members) > MOST_ARRAYS:
+            message = f"it holds more than {MOST_PARTS} arrays or {MOST_ARRAYS} bytes"
             raise Unreadable(message)
         for member in members:
             array = np.lib.format.read_array(io.BytesIO(archive.read(member)), allow_pickle=False)

@@ -26,6 +26,9 @@ LAST_LINES = 12_000
 PICTURE, ARRAYS = ".png", ".npz"
 """Endings of the files of a run that are not text: they are read on demand."""
 
+MOST_ARRAYS = 32 << 20
+"""Bytes of a file of arrays; a longer one is refused."""
+
 GIVEN, OUTPUTS, BANK, PIXELS, PLAYED = "given.npz", "outputs.npz", "bank.npz", "pixels.npz", "played.npz"
 """The bank of states that a probe is given, what they led to, a bank that it made, what it drew, and what it played.
 

@@ -15,10 +15,11 @@ from harness.model import Outcome
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import DRAW, STEP
 from harness.packages.environments import bytecode
-from harness.probes import array_files, bare_start, launch, program, thumbnails
+from harness.probes import bare_start, launch, program, thumbnails
 from harness.probes.evidence import (
     BANK,
     GIVEN,
+    MOST_ARRAYS,
     OUTPUTS,
     PICTURE,
     PIXELS,
@@ -156,7 +157,9 @@ def _arrays(ran: launch.ProbeResult) -> dict[str, bytes]:
     arrays = {}
     for name in (OUTPUTS, BANK, PIXELS, PLAYED):
         with suppress(Unreadable):
-            content = ran.left.head(name, array_files.MOST_BYTES + 1)
+            content = ran.left.head(name, MOST_ARRAYS + 1)
+            from harness.probes import array_files  # noqa: PLC0415 - start-up: it takes numpy
+
             arrays[name] = array_files.encode(array_files.decode(content))
     return arrays
 

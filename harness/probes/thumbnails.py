@@ -34,13 +34,17 @@ def thumbnail(content: bytes) -> bytes | None:
     height, width = int(header[2]), int(header[3])
     if not height * width or len(content) - header.end() < height * width * 3:
         return None
-    import numpy as np  # noqa: PLC0415 - only runs that render pay for it
-    from PIL import Image  # noqa: PLC0415
+    from PIL import Image  # noqa: PLC0415 - only runs that render pay for it
 
-    pixels = np.frombuffer(content, dtype=np.uint8, count=height * width * 3, offset=header.end())
+    pixels = memoryview(content)[header.end() : header.end() + height * width * 3]
     try:
         with raise_unreadable():
-            image = Image.fromarray(pixels.reshape((height, width, 3), order="F" if header[1] == b"True" else "C"))
+            if header[1] == b"True":  # the first index varies fastest: three planes, each of columns
+                size = height * width
+                planes = (Image.frombytes("L", (height, width), pixels[at * size : (at + 1) * size]) for at in range(3))
+                image = Image.merge("RGB", [plane.transpose(Image.Transpose.TRANSPOSE) for plane in planes])
+            else:
+                image = Image.frombytes("RGB", (width, height), pixels)
             image.thumbnail((WIDTH, WIDTH))
     except Unreadable:
         return None

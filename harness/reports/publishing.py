@@ -17,14 +17,12 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from harness.judging.assess import assess
-from harness.judging.exercised import unregistered_id
 from harness.judging.runs.case import BULKY
 from harness.judging.runs.check import phase_of
 from harness.machine import store, this_machine
 from harness.machine.files.file_locks import exclusive
 from harness.machine.store import Store
-from harness.model import Cell, CellRecord, Plan, Verdict
+from harness.model import CellRecord, Plan
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.model.report_types import Document, format_count
 from harness.model.vocabulary import IMPORT_CHECK
@@ -40,9 +38,6 @@ from harness.reports.text import author_pages, report_markdown, terminal
 from harness.running.signatures import shipped_signatures
 from harness.standalone.failures.remedies import in_words
 from harness.standalone.output import print_json
-
-FAIL_ON = ("unexpected", "stale", "inconclusive", "unavailable", "not_run")
-DEFAULT_FAIL_ON = ("unexpected", "stale")
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -61,26 +56,6 @@ class Wanted:
         pivot = tuple(args.pivot) if args.pivot else None
         alone = args.shard is not None
         return cls(out=args.out, pivot=pivot, json=args.json, fail_on=args.fail_on, alone=alone)
-
-
-def kinds(text: str) -> tuple[str, ...]:
-    """Parse the value of `--fail-on`. Raises ArgumentTypeError for an unknown kind."""
-    names = tuple(name.strip() for name in text.split(",") if name.strip())
-    unknown = [name for name in names if name not in FAIL_ON]
-    if unknown:
-        message = f"unknown kind {unknown[0]!r}; choose from {', '.join(FAIL_ON)}"
-        raise argparse.ArgumentTypeError(message)
-    return names
-
-
-def headline(record: CellRecord) -> str:
-    """Return one line about a finished cell, for the progress display."""
-    judged = assess(record)
-    where = f" in {judged.phase}" if judged.phase and judged.verdict is not Verdict.UNAVAILABLE else ""
-    note = " (reused)" if record.reused else f" ({record.seconds:.1f} s)"
-    if record.cell.asked and unregistered_id(record):
-        return f"no such environment{note}"
-    return f"{judged.verdict}{where}{note}"
 
 
 class PublishedReport(NamedTuple):
@@ -103,7 +78,7 @@ def publish(
         folder = folder if wanted.out and len(plans) == 1 else folder / plan.matrix
         with exclusive(opened.folder / "reports" / f"{plan.matrix}.lock"):  # the last of several runs sees all cells
             others = [] if wanted.alone else [cell for cell in plan.cells if cell.id not in measured]
-            before = {cell.id: load_record(opened, here.id, cell) for cell in others}
+            before = {cell.id: opened.load_current(here.id, cell) for cell in others}
             records = [record for cell in plan.cells if (record := measured.get(cell.id) or before.get(cell.id))]
             used, note = probes(plan), opened.folder / "reports" / f"{plan.matrix}.note"
             made_of = freshness.mark(plan, records, here, folder, (used, wanted.pivot))
@@ -225,17 +200,6 @@ def _sweep(folder: Path, named: frozenset[str]) -> None:
 def page(report: Report) -> str:
     """Return the report as Markdown."""
     return report_markdown.markdown(report, read_template(report_markdown.TEMPLATE))
-
-
-def load_record(opened: Store, machine_id: str, cell: Cell) -> CellRecord | None:
-    """Return the earlier record of a cell if it is still the same cell.
-
-    Its expectation, and why it is tried, may have changed.
-    """
-    record = opened.load_cell(machine_id, cell)
-    if record and replace(record.cell, expect=cell.expect, tried=cell.tried) == cell:
-        return replace(record, cell=cell, reused=True)
-    return None
 
 
 @dataclass(slots=True)

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from supervised import CHECKOUT, DAEMON, Build, ending, eventually, find_processes, gone, missing, readable_python
 
-from harness.machine import process
+from harness.machine import fork_server, process
 from harness.machine.process import Profile
 from harness.machine.supervisor import rights
 
@@ -365,13 +365,23 @@ class TestKilled:
     ) -> None:
         """Only a report in the supervisor's own form is accepted, and only one."""
         supervisor = tmp_path / "supervisor.py"
-        supervisor.write_text(f"import sys; sys.stdin.buffer.read(1); sys.stdout.buffer.write({report!r})")
-        monkeypatch.setattr(process, "SUPERVISOR", supervisor)
+        supervisor.write_text(FORGING.format(checkout=str(CHECKOUT), report=report))
+        monkeypatch.setattr(fork_server, "SUPERVISOR", supervisor)
 
         done = process.run(python("", profile=process.Profile.HOST))
 
         without = "supervisor: it ended with 0, without a word"
+        fork_server.close()
         assert (done.exit_code, done.killed) == ((0, None) if accepted else (None, without))
+
+
+FORGING = """
+import os, sys
+sys.path.append({checkout!r})
+from harness.machine.supervisor import fork_server
+fork_server.main = lambda: (os.read(0, 1), os.write(1, {report!r}))
+fork_server.serve()
+"""
 
 
 def test_dev_shm_is_supplied(tmp_path: Path) -> None:

@@ -489,6 +489,11 @@ def harness_script(folder: Path, ending: str) -> Path:
     return script
 
 
+def parent_of(pid: int) -> int:
+    """Return the id of the parent of a process."""
+    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+
+
 class TestDeaths:
     @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
     def test_harness(self, sandbox: str, python: Build, tmp_path: Path, marker: str, number: int) -> None:
@@ -522,6 +527,32 @@ class TestDeaths:
 
         assert ending(done) == (None, None, False, False, "supervisor: the keeper ended with -9")
         assert find_processes(marker) == []
+
+    def test_fork_server(self, sandbox: str, python: Build, tmp_path: Path, marker: str) -> None:
+        """If the server that forks guards is killed, what runs goes on to its end, and the next command has another."""
+        later = python("print('later')", log=tmp_path / "later")
+        with process.start(python("import time; time.sleep(1); print('done')", marker)) as running:
+            assert eventually(lambda: find_processes(marker))
+            os.kill(parent_of(running.pid), signal.SIGKILL)
+            after = process.run(later)
+            done = running.wait()
+
+        assert [(one.exit_code, one.killed, one.log.read_text()) for one in (done, after)] == [
+            (0, None, "done\n"),
+            (0, None, "later\n"),
+        ]
+
+    def test_guards_hold_no_files_of_others(self, python: Build) -> None:
+        """A guard has its own three streams open, and no pipe of another one."""
+        with (
+            process.start(python("import time; time.sleep(600)")),
+            process.start(python("import time; time.sleep(600)")) as second,
+        ):
+            held = sorted(Path(f"/proc/{second.pid}/fd").iterdir())
+            streams = [str(path.readlink()) for path in held if path.name in {"0", "1", "2"}]
+            pipes = {str(path.readlink()) for path in held if str(path.readlink()).startswith(("pipe:", "socket:"))}
+
+        assert len(pipes - {*streams}) <= 1  # the keeper's report
 
     def test_stop(self, tmp_path: Path, marker: str) -> None:
         """`stop` ends the commands that other threads wait for, and nothing starts afterwards."""

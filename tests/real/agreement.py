@@ -18,9 +18,8 @@ from harness.judging.assess import assess
 from harness.machine import store
 from harness.matrix import plan
 from harness.model import Cell, CellRecord, Outcome, Phase
-from harness.reports.publishing import headline
 from harness.reports.text.markdown_texts import code_cell
-from harness.reports.text.progress import Progress
+from harness.reports.text.progress import Progress, headline
 from harness.running import scheduler
 
 HERE = Path(__file__).parent

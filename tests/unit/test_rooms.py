@@ -175,11 +175,11 @@ def test_pure_rooms_do_no_input_or_output(module: str) -> None:
     assert not {name for name in called if name == "open" or name.split(".")[-1] in {"read_text", "read_bytes"}}
 
 
-def test_nothing_but_process_spawns() -> None:
-    """There is one spawner, and the supervisor that it starts."""
+def test_nothing_but_the_fork_server_spawns() -> None:
+    """There is one spawner, and what it starts forks the rest."""
     spawning = {module for module, path in MODULES.items() if "subprocess" in imports(path)}
     alone = {module for module in spawning if room(module) == "standalone" and module.split(".")[-1] in STANDALONE}
-    assert spawning - alone <= {"harness.machine.process"}
+    assert spawning - alone <= {"harness.machine.fork_server"}
 
 
 def test_only_verbs_use_what_stands_alone_and_spawns() -> None:

@@ -6,7 +6,7 @@ import sys
 if __name__ == "__main__":  # the package is found last, after the standard library
     sys.path.append(os.path.abspath(__file__).rpartition("/harness/")[0])
 
-from harness.machine.supervisor.guard import main
+from harness.machine.supervisor.fork_server import serve
 
 if __name__ == "__main__":
-    main()
+    serve()

@@ -10,9 +10,9 @@ from time import monotonic
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeVar
 
-from harness.model import Cell, CellRecord
+from harness.machine.console import limit_width
+from harness.model import Cell, CellRecord, Verdict
 from harness.model.report_types import format_count, format_duration
-from harness.reports.text.terminal import limit_width
 from harness.running.scheduler import WAITING, default_jobs
 from harness.standalone.control_characters import strip_controls
 from harness.standalone.output import style_stream
@@ -26,6 +26,19 @@ BAR = 30
 """Columns of the bar."""
 QUIET_SECONDS = 10.0
 """Seconds between two lines of progress, if no terminal shows a bar."""
+
+
+def headline(record: CellRecord) -> str:
+    """Return one line about a finished cell, for the progress display."""
+    from harness.judging.assess import assess  # noqa: PLC0415 - start-up: it takes numpy
+    from harness.judging.exercised import unregistered_id  # noqa: PLC0415 - start-up
+
+    judged = assess(record)
+    where = f" in {judged.phase}" if judged.phase and judged.verdict is not Verdict.UNAVAILABLE else ""
+    note = " (reused)" if record.reused else f" ({record.seconds:.1f} s)"
+    if record.cell.asked and unregistered_id(record):
+        return f"no such environment{note}"
+    return f"{judged.verdict}{where}{note}"
 
 
 class Progress:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from harness.machine.console import limit_width
 from harness.model import Role, Verdict
 from harness.model.report_types import SYMBOLS, UNTOLD, format_count, word
 from harness.reports.tables.table_types import Attempt, Effect, Pivot, Remark, Report, Row, Sheet, Square, Trouble
@@ -31,7 +32,6 @@ TASKS = 12
 PIPED_WIDTH = 100
 """Columns where the output is no terminal and COLUMNS says nothing."""
 
-MOST_WIDTH = 500
 """Columns of a console at most."""
 
 WIDEST, WIDEST_NAME = 18, 28
@@ -78,12 +78,6 @@ def _console() -> Console:
         file=style_stream(sys.stdout), highlight=False, markup=False, width=None if width_known else PIPED_WIDTH
     )
     return limit_width(console)
-
-
-def limit_width(console: Console) -> Console:
-    """Limit a console to `MOST_WIDTH` columns, because COLUMNS may say anything; return it."""
-    console.width = min(console.width, MOST_WIDTH)
-    return console
 
 
 # --- one matrix ------------------------------------------------------------------------------------------------

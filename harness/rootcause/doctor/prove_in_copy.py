@@ -10,7 +10,6 @@ import msgspec
 from harness.machine import store
 from harness.model.errors import CouldNotTell
 from harness.model.report_types import UNTOLD, word
-from harness.reports import publishing
 from harness.reports.text import progress
 from harness.rootcause.bench import Bench, Trial
 from harness.rootcause.doctor.environment_copies import EnvironmentCopies, find_python, instant, public_versions
@@ -51,7 +50,7 @@ def proof(document: Mapping[str, Any], *, env: str | None, offline: bool) -> Pro
     opened = store.open_store()
     installed = public_versions(environment["packages"])
     with (
-        progress.Progress(2, 1, publishing.headline) as board,
+        progress.Progress(2, 1, progress.headline) as board,
         Bench(opened, Settings(offline=offline), board) as bench,
     ):
         copies = EnvironmentCopies(bench=bench, python=python, env=env, as_of=instant(opened))

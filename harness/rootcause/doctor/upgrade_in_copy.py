@@ -13,7 +13,6 @@ from harness.physics.comparison import compare
 from harness.physics.outputs import Outputs
 from harness.probes import array_files
 from harness.probes.vault import Vault
-from harness.reports import publishing
 from harness.reports.projects.tried_task import TriedTask
 from harness.reports.text import progress
 from harness.rootcause.bench import Bench, Trial
@@ -44,7 +43,7 @@ def try_upgrade(
     opened = store.open_store()
     settings = Settings(offline=offline)
     results = []
-    with progress.Progress(2 * len(envs), 1, publishing.headline) as board, Bench(opened, settings, board) as bench:
+    with progress.Progress(2 * len(envs), 1, progress.headline) as board, Bench(opened, settings, board) as bench:
         for env in envs:
             copies = EnvironmentCopies(bench=bench, python=base, env=env, as_of=instant(opened))
             installed = public_versions(versions)

@@ -18,7 +18,7 @@ from typing import Any
 
 from wheelhouse import FAKES
 
-LONGEST, PATIENCE = 240.0, 60.0
+LONGEST, PATIENCE = 600.0, 60.0
 SMALL = Path(__file__).parent / "small.toml"
 TOGETHER = ("fake-import-error", "fake-undeclared")
 """Installed beside the environments, since they cost nothing until they are imported."""

@@ -31,6 +31,8 @@ WORKING = (
     "late-crash",
     "placed",
     "settling",
+    "own-vector",
+    "own-vector-unseeded",
 )
 """Nothing of what is wrong with these stops a user's loop."""
 
@@ -97,6 +99,12 @@ RED = {
         r"single\.repeat\.process: the same seed gives another trajectory in another process, from step 0 on",
     ),
     "fragile-refused": ("partial", "single", "failed", r"single\.check_env: " + SEGFAULT),
+    "own-vector-constant": (
+        "partial",
+        "interop",
+        "failed",
+        VIOLATION + r"the observations of the vector environment stay the same over \d+ steps",
+    ),
     "import-error": (
         "import_fails",
         "import",
@@ -165,6 +173,10 @@ FOUND = {
     "late-crash": {"render.teardown": "after the last check: " + SEGFAULT},
     "late-hang": {"render.teardown": r"Python did not end within [\d.]+ s of the last check"},
     "worker-hangs": {},
+    "own-vector": {},
+    "own-vector-unseeded": {
+        "interop.gymnasium.make_vec": r"the same seed and actions give other values in a second vector environment, .*"
+    },
 }
 """Defect to the checks that found something, with a pattern for every text."""
 

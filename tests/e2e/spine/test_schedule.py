@@ -18,7 +18,6 @@ from harness.machine import interpreters, store
 from harness.machine.files.file_locks import exclusive
 from harness.machine.free_memory import Reading
 from harness.model import Phase
-from harness.reports import publishing
 from harness.reports.text import progress
 from harness.running import open_matrix, scheduler
 
@@ -153,7 +152,7 @@ def test_memory_decides_how_many_run(desk: Desk, monkeypatch: pytest.MonkeyPatch
     )
     one, two = (desk.folder / name for name in ("one", "two"))
     with ThreadPoolExecutor(1) as pool:
-        board = progress.Progress(2, 2, publishing.headline)
+        board = progress.Progress(2, 2, progress.headline)
         records = pool.submit(scheduler.run, plan.cells, opened, settings, board)
         try:
             wait_for((desk.folder / "one.reached").exists)

@@ -11,6 +11,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from specimens import check_golden, quick_document
 
+from harness.machine.console import MOST_WIDTH
 from harness.model import Verdict
 from harness.model.report_types import SYMBOLS, word
 from harness.reports import document
@@ -204,7 +205,7 @@ def test_terminal_has_a_sane_width(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     """Whatever COLUMNS says, no line is filled up to it."""
     monkeypatch.setenv("COLUMNS", "20000")
     terminal.show(replace(tables.report(quick_document()), stale=("word " * 1000,)))
-    assert terminal.MOST_WIDTH - 5 <= max(map(cell_len, capsys.readouterr().out.splitlines())) <= terminal.MOST_WIDTH
+    assert MOST_WIDTH - 5 <= max(map(cell_len, capsys.readouterr().out.splitlines())) <= MOST_WIDTH
 
 
 @pytest.mark.parametrize(
