@@ -105,9 +105,10 @@ class Report:
     `killed` is why it was ended, or not run: the reason given to `Running.kill`; `supervisor: ...`; or, with
     `out_of_memory`, that the whole machine had no memory left. None of these says anything about the command.
     `out_of_memory` without `killed` means its own limit. `written` are paths relative to the sealed folder, at most
-    100. `stray` counts the processes that outlived the command and were ended. `peak_mb`
-    is the most that all its processes held at a look, pages that they share counted for each. `starved` counts the
-    processes of this machine, or of our control group, that the kernel ended meanwhile for want of memory.
+    100. `stray` counts the processes that outlived the command and were ended. `core_seconds` is how long all its
+    processes together had a core. `peak_mb` is the most that they held at a look, pages that they share counted for
+    each. `starved` counts the processes of this machine, or of our control group, that the kernel ended meanwhile for
+    want of memory.
     `least_room_mb` is the least room that was seen on the disk of `home`.
     """
 
@@ -117,6 +118,7 @@ class Report:
     out_of_memory: bool = False
     killed: str | None = None
     seconds: float = 0.0
+    core_seconds: float = 0.0
     truncated: bool = False
     written: tuple[str, ...] = ()
     stray: int = 0

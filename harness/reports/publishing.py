@@ -39,6 +39,9 @@ from harness.running.signatures import shipped_signatures
 from harness.standalone.failures.remedies import in_words
 from harness.standalone.output import print_json
 
+HEAD_BYTES, TAIL_BYTES, WORTH_LEAVING_OUT = 10_000, 20_000, 1_000
+"""Bytes of the beginning and of the end of a log that a report shows, and the fewest between them that are left out."""
+
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Wanted:
@@ -238,8 +241,8 @@ class _Files:
             self.placed[path] = name
 
 
-def copy_file(source: str | Path, target: str | Path) -> bool:
-    """Copy a file, or the text files of a folder; return False if there is nothing to copy."""
+def copy_file(source: str | Path, target: str | Path, *, evidence: bool = False) -> bool:
+    """Copy a file, or the text files of a folder of evidence; return False if there is nothing to copy."""
     try:
         there = os.stat(source)  # noqa: PTH116 - thousands of files
     except OSError:
@@ -249,12 +252,23 @@ def copy_file(source: str | Path, target: str | Path) -> bool:
             # Pictures stay out: a report names each frame by itself.
             texts = sorted(entry.name for entry in entries if entry.name.endswith((".jsonl", ".log", ".txt")))
         # A list and not any(), which would stop after the first file that was copied.
-        return bool([copy_file(f"{source}/{text}", f"{target}/{text}") for text in texts])
+        return bool([copy_file(f"{source}/{text}", f"{target}/{text}", evidence=True) for text in texts])
     if not _same(there, target):
         content = Path(source).read_bytes()
-        store.write_atomic(Path(target), readable(content) if Path(source).name == REPLY else content)
+        if evidence:
+            content = readable(content) if Path(source).name == REPLY else excerpt(content)
+        store.write_atomic(Path(target), content)
         os.utime(target, ns=(there.st_atime_ns, there.st_mtime_ns))  # by which the next report knows it
     return True
+
+
+def excerpt(content: bytes) -> bytes:
+    """Return a text, a long one without its middle; it is whole in the pack, and in the state folder."""
+    left_out = len(content) - HEAD_BYTES - TAIL_BYTES
+    if left_out < WORTH_LEAVING_OUT:
+        return content
+    head, tail = content[:HEAD_BYTES], content[-TAIL_BYTES:]
+    return b"\n".join((head, f"[... {left_out} bytes left out here ...]".encode(), tail))
 
 
 def readable(reply: bytes) -> bytes:

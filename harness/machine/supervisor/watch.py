@@ -151,7 +151,8 @@ class Watch:
         self.log.close()
         self.sweep()
         code = os.waitstatus_to_exitcode(self.ended[self.pid])
-        largest = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss << 10  # of one that ended between two looks
+        usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+        largest = usage.ru_maxrss << 10  # of one that ended between two looks
         starved = self.memory.kills()
         # SIGKILL does not name its sender. If the kernel ended a process for want of memory meanwhile, it may have
         # been this one, and then the command is not to blame.
@@ -164,6 +165,7 @@ class Watch:
             "out_of_memory": self.out_of_memory,
             "killed": self.killed,
             "seconds": seconds,
+            "core_seconds": usage.ru_utime + usage.ru_stime,
             "peak_mb": max(self.memory.peak, largest) >> 20,
             "starved": starved,
             "least_room_mb": self.least_room,

@@ -69,3 +69,22 @@ def test_the_copy_of_a_reply_has_what_a_reader_needs(tmp_path: Path) -> None:
     shown = b'{"kind":"check","check":"single.loop","outcome":"failed","facts":{"gl":"egl"}}\n'
     assert copied == imported + others + shown + b'{"kind":"end","versions":{"gym":"0.21.0"}}\n'
     assert (source / "reply.jsonl").read_bytes() == gone + imported + others + failed + end
+
+
+def test_the_copy_of_a_long_log_lacks_its_middle(tmp_path: Path) -> None:
+    """A long log of evidence keeps its two ends, and a copy of the copy is the same; a lock is always whole."""
+    source = tmp_path / "evidence"
+    source.mkdir()
+    text = b"first\n" + b"x" * 100_000 + b"\nlast"
+    (source / "log.txt").write_bytes(text)
+
+    assert publishing.copy_file(source, tmp_path / "copy")
+    assert publishing.copy_file(tmp_path / "copy", tmp_path / "again")
+    assert publishing.copy_file(source / "log.txt", tmp_path / "lock.txt")
+
+    copied = (tmp_path / "copy" / "log.txt").read_bytes()
+    assert copied.startswith(b"first\n")
+    assert copied.endswith(b"\nlast")
+    assert b"\n[... 70011 bytes left out here ...]\n" in copied
+    assert (tmp_path / "again" / "log.txt").read_bytes() == copied
+    assert (tmp_path / "lock.txt").read_bytes() == text
