@@ -19,6 +19,7 @@ MODULE = "import os\nSEEN = os.path.basename(__cached__ or '')\n"
 def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Source:
     """Return an environment of one module, and this Python."""
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(bytecode, "WORTH", 1)
     folder = tmp_path / "environment"
     (folder / "package").mkdir(parents=True)
     (folder / "package/__init__.py").write_text(MODULE)
@@ -110,13 +111,64 @@ def test_damage_is_not_used(source: Source, damage: str) -> None:
         assert b"\xff" * 9 not in pyc(lent, folder).read_bytes()
 
 
-def test_fresh_runs_compile_code_again(source: Source) -> None:
-    """`--fresh` and `--verify` use no bytecode of earlier runs."""
+def test_verified_runs_compile_code_again(source: Source) -> None:
+    """`--verify` uses nothing that earlier runs compiled; `--fresh` only what was compiled apart from them."""
     run_twice(source)
+    (source.cache / "compiled/t/numba").mkdir(parents=True)
+    bytecode.forget_compiled(source.cache)
+    assert (source.cache / bytecode.CODE).exists()
+    assert not (source.cache / "compiled").exists()
     bytecode.forget(source.cache)
     assert not (source.cache / bytecode.CODE).exists()
     run_twice(source)
     assert (source.cache / bytecode.CODE).exists()
+
+
+def sibling(source: Source, name: str) -> Source:
+    """Return another environment of the same Python, still empty."""
+    folder = source.folders[0].parent / name
+    (folder / "package").mkdir(parents=True)
+    return Source(folders=(folder,), python=source.python, cache=source.cache.parent / name)
+
+
+def test_the_same_file_in_another_environment_is_compiled_once(source: Source) -> None:
+    """An environment that shares a file with another one begins with its byte code."""
+    run_twice(source)
+    other = sibling(source, "linked")
+    (other.folders[0] / "package/__init__.py").hardlink_to(source.folders[0] / "package/__init__.py")
+    with bytecode.lend_folders(other, other.folders[0], "t") as lent:
+        before = pyc(lent, other.folders[0]).stat().st_mtime_ns
+        assert imported(lent, other.folders[0]).startswith("__init__.")
+        assert pyc(lent, other.folders[0]).stat().st_mtime_ns == before
+
+
+def test_another_file_of_the_same_look_is_not_taken_for_it(source: Source) -> None:
+    """A file of the same name, size and time has its own byte code, not that of the other environment."""
+    run_twice(source)
+    other = sibling(source, "forged")
+    original, forged = (one.folders[0] / "package/__init__.py" for one in (source, other))
+    forged.write_text(MODULE.replace("SEEN = ", "SEEN = 1 and ")[: len(MODULE)].ljust(len(MODULE)))
+    times = original.stat()
+    os.utime(forged, ns=(times.st_atime_ns, times.st_mtime_ns))
+    with bytecode.lend_folders(other, other.folders[0], "t") as lent:
+        assert not list(lent.prefix.rglob("package/*.pyc"))
+
+
+def test_our_own_files_are_kept_while_they_are_the_same(source: Source, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The files that run in a cell are compiled once, and again after they were changed."""
+    own = source.folders[0].parent / "own"
+    own.mkdir()
+    module = own / "ours.py"
+    module.write_text("ONE = 1\n")
+    monkeypatch.setattr(bytecode, "OWN", f"{own}/")
+    (folder,) = source.folders
+    seen = []
+    for text in ("", "", "TWO = 2\n", ""):
+        module.write_text(module.read_text() + text)
+        with bytecode.lend_folders(source, folder, "t") as lent:
+            seen.append(len(list(Path(f"{lent.prefix}{own}").glob("ours.*.pyc"))))
+            imported(lent, folder, f"sys.path.insert(0, {str(own)!r}); import ours")
+    assert seen == [0, 1, 1, 1]
 
 
 def test_a_source_that_cannot_be_compiled_is_asked_for_once(source: Source) -> None:

@@ -3,7 +3,8 @@
 A run may leave anything as byte code, be it by intent or because a disk was full. So it writes into a folder that goes
 with it, and only the names of the sources that it needed are taken from there. Before the next run they are compiled
 from the sealed environment, in a process that runs nothing of them, and kept in one file under its own hash: what was
-damaged since is not used.
+damaged since is not used. An environment that has none begins with that of others for the same Python, for those files
+which are the very same ones on the disk.
 
 What numba and Warp compile cannot be made apart from the run. It is kept for those that import the same.
 """
@@ -24,18 +25,26 @@ from harness.machine.files.guarded_files import read
 from harness.machine.files.scratch_folders import remove_folder, scratch_folder
 from harness.machine.store import own_folders, write_atomic
 from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
+from harness.model.vocabulary import INCELL
 
 PREFIX = "PYTHONPYCACHEPREFIX"
-CODE, NAMES = "code", "names"
+CODE, NAMES, ORIGIN = "code", "names", "origin"
+OWN = f"{INCELL}/"
+OTHERS = 4
+"""Environments of which byte code is taken, those used last."""
+
 MOST_NAMES, LONGEST_NAME, MOST_CODE = 20_000, 1_000, 1 << 30
 DAY = 86_400.0
+WORTH = 64_000
+"""Bytes of sources: fewer are compiled by the run itself sooner than another Python starts."""
+
 LIMITS = process.Limits(seconds=300.0, memory_mb=2000)
 
-# Of absolute names only the standard library is compiled: a run could name any file of this machine.
+# Of absolute names only the standard library and our own files are compiled: a run could name any of this machine.
 COMPILE = """
 import importlib.util, json, os, py_compile, sys
 
-listed, made, folders = sys.argv[1], sys.argv[2], sys.argv[3:]
+listed, made, own, folders = sys.argv[1], sys.argv[2], sys.argv[3], sys.argv[4:]
 standard = os.path.dirname(os.path.realpath(os.__file__)) + os.sep
 with open(listed, encoding="utf-8") as file:
     names = json.load(file)
@@ -43,7 +52,7 @@ table, content = [], []
 for name in names:
     places = [os.path.join(folder, name) for folder in folders]
     source = next((place for place in places if os.path.isfile(place)), "")
-    if os.path.isabs(name) and not os.path.realpath(name).startswith(standard):
+    if os.path.isabs(name) and not os.path.realpath(name).startswith((standard, own)):
         source = ""
     code = b""
     try:
@@ -118,6 +127,11 @@ def forget(cache: Path) -> None:
     """Delete all kept byte code of an environment, so that it is compiled anew."""
     with suppress(OSError):
         (cache / CODE).unlink(missing_ok=True)
+    forget_compiled(cache)
+
+
+def forget_compiled(cache: Path) -> None:
+    """Delete what runs left compiled, by numba or Warp: Python's own byte code was made apart from them."""
     remove_folder(cache / "compiled")
 
 
@@ -129,15 +143,72 @@ Code = Mapping[str, tuple[str, bytes]]
 
 def _grown(source: Source) -> Code:
     """Return the byte code that is kept, with that of sources which the runs before this one needed."""
-    code = _read(source.cache / CODE)
+    kept = _read(source.cache / CODE)
+    code = {name: one for name, one in (kept or _of_others(source)).items() if _is_current(name, one[1])}
     missing = sorted(set(_names(source.cache)) - {*code})
-    if not missing:
-        return code
+    if sum(_size(source, name) for name in missing) < WORTH:
+        missing = []
+    if code == kept and not missing:
+        return kept
     with suppress(OSError, Unreadable):
-        code = {**code, **_compiled(source, missing)}
+        code = {**code, **(_compiled(source, missing) if missing else {})}
         content = _encoded(code)
         write_atomic(source.cache / CODE, hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
+        write_atomic(source.cache / ORIGIN, json.dumps(_origin(source)).encode())
     return code
+
+
+def _size(source: Source, name: str) -> int:
+    """Return the bytes of a source, 0 where there is none."""
+    for folder in source.folders:
+        with suppress(OSError):
+            return os.stat(f"{folder}/{name}" if name[0] != "/" else name).st_size  # noqa: PTH116 - hundreds of files
+    return 0
+
+
+def _is_current(name: str, code: bytes) -> bool:
+    """Return whether byte code is of the source as it is now; sources of an environment do not change, ours may."""
+    if not name.startswith(OWN):
+        return True
+    try:
+        there = os.stat(name)  # noqa: PTH116 - before each run
+    except OSError:
+        return False
+    mark = b"".join((number & 0xFFFFFFFF).to_bytes(4, "little") for number in (int(there.st_mtime), there.st_size))
+    return code[8:16] == mark
+
+
+def _origin(source: Source) -> list[str]:
+    """Return the interpreter below an environment, and its folders."""
+    return [str(source.python.resolve()), *map(str, source.folders)]
+
+
+def _of_others(source: Source) -> Code:
+    """Return byte code of other environments for the same Python: that of files which this one shares with them."""
+    code: dict[str, tuple[str, bytes]] = {}
+    python, *folders = _origin(source)
+    with suppress(OSError):
+        caches = [one.parent for one in source.cache.parent.glob(f"*/{ORIGIN}") if one.parent != source.cache]
+        for cache in sorted(caches, key=lambda one: (one / ORIGIN).stat().st_mtime, reverse=True)[:OTHERS]:
+            origin = _read_list(cache / ORIGIN)
+            if origin[:1] != [python]:
+                continue
+            for name, one in _read(cache / CODE).items():
+                if name not in code and (name.startswith("/") or _is_shared(name, folders, origin[1:])):
+                    code[name] = one
+    return code
+
+
+def _is_shared(name: str, ours: Iterable[str], theirs: Iterable[str]) -> bool:
+    """Return whether two environments have the same file on the disk, by two links, under a name."""
+    marks = []
+    for folders in (ours, theirs):
+        for folder in folders:
+            with suppress(OSError):
+                there = os.stat(f"{folder}/{name}")  # noqa: PTH116 - hundreds of files
+                marks.append((there.st_dev, there.st_ino))
+                break
+    return len(marks) == 2 and marks[0] == marks[1]
 
 
 def _read(path: Path) -> Code:
@@ -175,7 +246,7 @@ def _compiled(source: Source, names: list[str]) -> Code:
         python = (str(source.python), "-I", "-S", "-c", COMPILE)
         process.run(
             process.Command(
-                argv=(*python, str(listed), str(output), *map(str, source.folders)),
+                argv=(*python, str(listed), str(output), OWN, *map(str, source.folders)),
                 cwd=home,
                 env={"PATH": os.defpath},
                 limits=LIMITS,
@@ -251,13 +322,16 @@ def _note(cache: Path, names: Iterable[str]) -> None:
 
 
 def _names(cache: Path) -> list[str]:
+    return [name for name in _read_list(cache / NAMES) if os.path.normpath(name) == name and name[:2] != ".."]
+
+
+def _read_list(path: Path) -> list[str]:
     try:
         with raise_unreadable():
-            content = json.loads(read(cache / NAMES, MOST_NAMES * LONGEST_NAME))
+            content = json.loads(read(path, MOST_NAMES * LONGEST_NAME))
     except Unreadable:
         return []
-    names = content if isinstance(content, list) else []
-    return [name for name in names if isinstance(name, str) and os.path.normpath(name) == name and name[:2] != ".."]
+    return [one for one in content if isinstance(one, str)] if isinstance(content, list) else []
 
 
 def _swept(cache: Path) -> None:

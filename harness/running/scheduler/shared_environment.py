@@ -96,8 +96,10 @@ class Pool:
                 self.shop.observer.step(self.cell, Phase.INSTALL)
                 ensured = obtain(self._ensured, self.shop)
                 # An earlier case may have poisoned what numba and Warp compiled (docs/threat-model.md).
-                if self.shop.settings.verify or self.shop.settings.fresh:
+                if self.shop.settings.verify:
                     bytecode.forget(code_folder(ensured))
+                elif self.shop.settings.fresh:
+                    bytecode.forget_compiled(code_folder(ensured))
                 self.shop.environments[self.key] = ensured
         return self.shop.environments[self.key]
 
