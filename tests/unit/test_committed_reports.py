@@ -24,7 +24,6 @@ UNAVAILABLE = {
     "torchrl": 3,
     "isaac-gym": 2,
     "isaac-lab": 2,
-    "lerobot": 3,
     "libero": 1,
     "meta-world": 1,
     "robocasa": 1,
