@@ -25,6 +25,7 @@ UNAVAILABLE = {
     "isaac-gym": 2,
     "isaac-lab": 2,
     "libero": 1,
+    "genesis": 1,
     "meta-world": 1,
     "robocasa": 1,
 }
