@@ -19,7 +19,16 @@ from harness.reports.text import author_pages
 
 REPORTS = Path(__file__).parents[2] / "reports"
 MATRICES = REPORTS.parent / "matrices"
-UNAVAILABLE = {"interop": 1, "torchrl": 3, "isaac-gym": 2, "isaac-lab": 2, "lerobot": 3, "libero": 1, "meta-world": 1}
+UNAVAILABLE = {
+    "interop": 1,
+    "torchrl": 3,
+    "isaac-gym": 2,
+    "isaac-lab": 2,
+    "libero": 1,
+    "genesis": 1,
+    "meta-world": 1,
+    "robocasa": 1,
+}
 """Number of cells, by report, that need what these machines lack: a CPU torch, an archive, a checkout, a GPU."""
 
 INCONCLUSIVE = {"masks": 21}
