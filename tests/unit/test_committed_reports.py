@@ -19,7 +19,10 @@ from harness.reports.text import author_pages
 
 REPORTS = Path(__file__).parents[2] / "reports"
 MATRICES = REPORTS.parent / "matrices"
-UNAVAILABLE = {"interop": 1, "torchrl": 3, "isaac-gym": 2, "isaac-lab": 2, "lerobot": 3, "libero": 1, "meta-world": 1}
+UNAVAILABLE = {
+    "interop": 1, "torchrl": 3, "isaac-gym": 2, "isaac-lab": 2, "lerobot": 3, "libero": 1, "meta-world": 1,
+    "playground": 1,
+}  # fmt: skip
 """Number of cells, by report, that need what these machines lack: a CPU torch, an archive, a checkout, a GPU."""
 
 INCONCLUSIVE = {"masks": 21}
