@@ -70,7 +70,7 @@ CheckName = Literal[
     "interop.torchrl.gym", "interop.torchrl.gym_tensor", "interop.torchrl.isaaclab",
     "interop.torchrl.isaaclab_native", "interop.torchrl.backend",
     "interop.sb3_contrib.learn", "interop.cleanrl.learn", "interop.tianshou.learn", "interop.rllib.learn",
-    "interop.skrl.learn", "interop.torchrl.learn",
+    "interop.skrl.learn", "interop.torchrl.learn", "interop.brax.learn",
 ]  # fmt: skip
 """A check that a case runs, or a phase for those of its checks that a case runs without being asked, `.*` for all."""
 

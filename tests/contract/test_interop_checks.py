@@ -1,4 +1,4 @@
-"""Test that the checks of data sets and vector environments fail where a library gives other values than it was given.
+"""Test that checks of data sets, vector environments and trainers fail where a library gives wrong values.
 
 The libraries are stand-ins: modules of a few lines, right or with one defect.
 """
@@ -259,11 +259,45 @@ def test_a_vector_environment_of_agents_is_compared(
     assert code_of(cell, cell("check_interop_supersuit_vec_env"), Team) == code
 
 
-def code_of(cell: Import, check: Any, world: type = World) -> str | None:
+def a_brax(learns: bool, score: float) -> dict[str, ModuleType]:
+    """Return stand-ins for Brax's modules and JAX: its trainer counts steps, and learns or does not."""
+    names = ("jax", "brax", "brax.envs", "brax.training", "brax.training.agents", "brax.training.agents.ppo")
+    modules = {name: ModuleType(name) for name in (*names, "brax.training.agents.ppo.train")}
+
+    def train(*, environment: str, progress_fn: Any, policy_params_fn: Any, **words: Any) -> None:
+        assert environment == "fast"
+        for step in range(3):
+            progress_fn(step, {"eval/episode_reward": score})
+            policy_params_fn(step, None, ([numpy.array(step)], [numpy.array(step if learns else 1)]))
+
+    modules["brax"].__version__ = modules["jax"].__version__ = "1"  # type: ignore[attr-defined]
+    modules["jax"].tree_util = SimpleNamespace(tree_leaves=list)  # type: ignore[attr-defined]
+    modules["brax.envs"].get_environment = lambda name: name  # type: ignore[attr-defined]
+    modules["brax.training.agents.ppo.train"].train = train  # type: ignore[attr-defined]
+    return modules
+
+
+@pytest.mark.parametrize(
+    ("learns", "score", "code"),
+    [(True, 1.0, None), (False, 1.0, "interop.unchanged"), (True, float("nan"), "interop.return")],
+    ids=["right", "policy unchanged", "no score"],
+)
+def test_the_policy_of_brax_has_to_change(
+    learns: bool, score: float, code: str | None, cell: Import, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The count of steps that is kept beside the policy changes in any case, and proves nothing."""
+    for name, module in a_brax(learns, score).items():
+        monkeypatch.setitem(sys.modules, name, module)
+
+    probe = SimpleNamespace(case={"env": "brax:fast", "api": "brax", "kwargs": {}, "seed": 0})
+    assert code_of(cell, cell("check_interop_brax_learn"), probe=probe) == code
+
+
+def code_of(cell: Import, check: Any, world: type = World, probe: Any = None) -> str | None:
     """Run a check, and return the code of its violation."""
     violation = cell("cell_errors").ContractViolation
     try:
-        check.run(a_probe(world), {})
+        check.run(probe or a_probe(world), {})
     except violation as error:
         return str(error.observed["code"])
     return None

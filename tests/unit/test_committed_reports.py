@@ -27,6 +27,7 @@ UNAVAILABLE = {
     "libero": 1,
     "genesis": 1,
     "meta-world": 1,
+    "playground": 1,
     "robocasa": 1,
 }
 """Number of cells, by report, that need what these machines lack: a CPU torch, an archive, a checkout, a GPU."""

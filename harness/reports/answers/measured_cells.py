@@ -35,6 +35,7 @@ RAN = {
     "interop.tianshou.": "tianshou",
     "interop.skrl.": "skrl",
     "interop.rllib.": "ray",
+    "interop.brax.": "brax",
 }
 """Checks that run a package which no environment is of, by the beginning of their names."""
 

@@ -88,7 +88,7 @@ def test_a_changed_check_measures_that_check_alone(
             "cell_batched_worlds.py",
             "def ",
             "def a",
-            ("brax", "gymnax", "isaaclab", "mani_skill", "mjx", "mujoco_warp", "newton", "tensor"),
+            ("brax", "gymnax", "isaaclab", "mani_skill", "mjx", "mujoco_warp", "newton", "playground", "tensor"),
         ),
     ],
 )
