@@ -194,9 +194,8 @@ def _read_metadata(words: list[str]) -> int:
     environment_damage.replacing(environment)
     try:
         site_packages.versions(environment)
-        site_packages.modules(environment)
+        site_packages.describe(environment, ["numpy"])
         site_packages.requiring(environment, "numpy")
-        site_packages.find_unmet(environment)
     except Unreadable:
         return 2
     return 0

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from importlib.metadata import Distribution
+from dataclasses import dataclass
+from email.parser import HeaderParser
+from functools import cached_property
+from importlib.metadata import Distribution, PackageMetadata
 from pathlib import Path, PurePath
 
 from packaging.requirements import Requirement
@@ -22,40 +25,57 @@ LEADS_ON = "_simmatrix_below.pth"
 """What makes Python look on in the environment below."""
 
 
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Description:
+    """What the metadata of an environment say.
+
+    `modules` are the top-level modules of each package, as RECORD lists its files. `asking` are the packages that
+    declare, in whatever extra, that they need a package. `unmet` are (package, requirement) pairs whose required
+    package is missing, extras apart.
+    """
+
+    modules: dict[str, tuple[str, ...]]
+    asking: dict[str, tuple[str, ...]]
+    unmet: tuple[tuple[str, str], ...]
+
+
+def describe(path: Path, names: Iterable[str]) -> Description:
+    """Read all that is asked of an environment, each file once; `names` are those for `asking`. Raises Unreadable."""
+    with raise_unreadable():
+        packages = list(installed_packages(path))
+        here, needs = {canonicalize_name(one.name) for one in packages}, list(_needs(packages))
+        return Description(
+            modules={canonicalize_name(one.name): top_level(one.files or ()) for one in packages},
+            asking={name: _asking(needs, name) for name in names},
+            unmet=tuple(
+                (asker, str(need))
+                for asker, need in needs
+                if canonicalize_name(need.name) not in here and "extra" not in str(need.marker or "")
+            ),
+        )
+
+
 def versions(path: Path) -> dict[str, str]:
     """Return which packages an environment has, name to version. Raises Unreadable."""
     with raise_unreadable():
         return dict(sorted((canonicalize_name(one.name), plain(one.version)) for one in installed_packages(path)))
 
 
-def modules(path: Path) -> dict[str, tuple[str, ...]]:
-    """Return the top-level modules of each package, as RECORD lists its files, sorted. Raises Unreadable."""
-    with raise_unreadable():
-        return {canonicalize_name(one.name): top_level(one.files or ()) for one in installed_packages(path)}
-
-
 def requiring(path: Path, name: str) -> tuple[str, ...]:
     """Return the packages that declare, in whatever extra, that they need this one. Raises Unreadable."""
     with raise_unreadable():
-        return tuple(sorted({asker for asker, need in _needs(path) if canonicalize_name(need.name) == name}))
+        return _asking(_needs(installed_packages(path)), name)
 
 
 def bounds(path: Path, name: str) -> tuple[SpecifierSet, ...]:
     """Return the bounds that packages declare on this one, in whatever extra. Raises Unreadable."""
     with raise_unreadable():
-        needs = [need for _, need in _needs(path) if canonicalize_name(need.name) == name]
+        needs = [need for _, need in _needs(installed_packages(path)) if canonicalize_name(need.name) == name]
         return tuple(dict.fromkeys(need.specifier for need in needs if need.specifier))
 
 
-def find_unmet(path: Path) -> tuple[tuple[str, str], ...]:
-    """Return (package, requirement) pairs whose required package is missing, extras apart. Raises Unreadable."""
-    here = versions(path)
-    with raise_unreadable():
-        return tuple(
-            (asker, str(need))
-            for asker, need in _needs(path)
-            if canonicalize_name(need.name) not in here and "extra" not in str(need.marker or "")
-        )
+def _asking(needs: Iterable[tuple[str, Requirement]], name: str) -> tuple[str, ...]:
+    return tuple(sorted({asker for asker, need in needs if canonicalize_name(need.name) == name}))
 
 
 class Installed(Distribution):
@@ -74,6 +94,12 @@ class Installed(Distribution):
     def locate_file(self, path: object) -> Path:
         """Return where one of its files lies."""
         return self.folder.parent / str(path)
+
+    @cached_property
+    def metadata(self) -> PackageMetadata:
+        """Return the fields of its metadata, read once; the long description below them is left out."""
+        texts = (self.read_text(name) for name in ("METADATA", "PKG-INFO", ""))
+        return HeaderParser().parsestr(next(filter(None, texts), ""))  # type: ignore[return-value]
 
     @property
     def name(self) -> str:
@@ -112,10 +138,10 @@ def plain(version: str) -> str:
         return version
 
 
-def _needs(path: Path) -> Iterator[tuple[str, Requirement]]:
+def _needs(packages: Iterable[Installed]) -> Iterator[tuple[str, Requirement]]:
     """Yield (package, requirement) pairs. Invalid lines are skipped: uv reads them as something else than they say."""
-    for package in installed_packages(path):
-        asker = canonicalize_name(package.name)  # which is read from a file each time
+    for package in packages:
+        asker = canonicalize_name(package.name)
         for line in package.requires or ():
             if need := _requirement(line):
                 yield asker, need

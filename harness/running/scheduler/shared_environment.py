@@ -79,12 +79,13 @@ class Pool:
         self.shop.environments.pop(self.key, None)
 
     def _describe_environment(self, environment: Environment) -> InstallResult:
+        described = site_packages.describe(environment.path, FAMILY)
         return InstallResult(
             key=environment.key,
             versions=environment.installed,
-            modules=site_packages.modules(environment.path),
-            speaking={api: site_packages.requiring(environment.path, api) for api in FAMILY},
-            unheld=site_packages.find_unmet(environment.path),
+            modules=described.modules,
+            speaking=described.asking,
+            unheld=described.unmet,
             seconds=round(environment.seconds, 3),
             findings=environment.findings,
         )
