@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
@@ -262,7 +263,7 @@ def shorten(text: str, width: int) -> str:
 def describe_trap(trap: Red) -> str:
     """Return what fails: versions, what decides, the tasks, and the line that says why."""
     more = f" and {len(trap.versions) - 1} more" if len(trap.versions) > 1 else ""
-    named = trap.deciding or ({} if trap.elsewhere else trap.beside)
+    named = _decisive(trap) or ({} if trap.elsewhere else trap.beside)
     first = sorted(named, key=lambda name: -weight(name))[:FEW]
     deciding = [f"{name} {' or '.join(named[name][:FEW])}" for name in first]
     what = f"{versions_words(trap.versions[0])}{more}" + (f" with {', '.join(deciding)}" if deciding else "")
@@ -275,6 +276,13 @@ def describe_trap(trap: Red) -> str:
     elif tasks:
         how = f"{how} in {tasks}"
     return f"{what}: {how}{f': {trap.line}' if trap.line else ''}"
+
+
+def _decisive(trap: Red) -> Mapping[str, tuple[str, ...]]:
+    """Return what decides; of absent packages those that the remedy names, where it names one."""
+    absent = {name for name, values in trap.deciding.items() if values == ("absent",)}
+    named = {name for name in absent if re.search(rf"\b{re.escape(name)}\b", trap.remedy or "")}
+    return {name: values for name, values in trap.deciding.items() if not named or name not in absent - named}
 
 
 def advice(trap: Red, answer: Recommended) -> str:

@@ -6,7 +6,8 @@ Versions that work elsewhere are no trap by themselves. Then the difference betw
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
+from functools import partial
 from typing import Any, NamedTuple
 
 import msgspec
@@ -86,17 +87,21 @@ def find_traps(cells: Sequence[CellResult], query: Query) -> list[Red]:
         )
         if part
     ]
-    return sorted((_red(found, query, together) for found in halves), key=_weight, reverse=True)
+    best = max(twins, key=lambda twin: newness(_query_versions(twin, query)), default=None)
+    weight = partial(_weight, present={*query.names, *best.versions} if best else None)
+    return sorted((_red(found, query, together) for found in halves), key=weight, reverse=True)
 
 
-def _weight(trap: Red) -> tuple[Any, ...]:
+def _weight(trap: Red, present: Set[str] | None) -> tuple[Any, ...]:
     """Return a sort key for traps: the greatest has the newest release, then no other package that decides.
 
-    A failure of some tasks alone weighs less than one of all.
+    First come those in which nothing was asked for but what is `present` in the newest combination that works. A
+    failure of some tasks alone weighs less than one of all.
     """
     others = {*trap.deciding, *([] if trap.deciding else trap.beside)} - {"Python"}
     first, *rest = newness(trap.versions[0].values())
     return (
+        present is None or {*trap.beside} <= present,
         first,
         not (trap.elsewhere and not trap.deciding),
         not others,

@@ -511,13 +511,13 @@ def test_a_package_that_only_a_check_ran_counts(world: World) -> None:
 
 
 def test_red_ones_of_one_cause_are_one(world: World) -> None:
-    """Versions that fail for one known cause stand together; traps of the newest release go first."""
+    """Versions that fail for one known cause stand together; traps beside what else was asked for go last."""
     for version in ("1.1", "1.2"):
         world.add("3.11", {"aa": version}, "broken", causes=["gone"], decisive=f"no attribute {version}")
     world.add("3.11", {"aa": "1.3"})
     world.add("3.11", {"aa": "1.3", "bb": "1.0"}, "partial", decisive="another")
 
-    second, first = world.red("aa")
+    first, second = world.red("aa")
 
     assert [held["aa"] for held in first.versions] == ["1.2", "1.1"]
     assert (first.causes, first.verdicts, len(first.cells)) == (("gone",), ("broken",), 2)
