@@ -143,13 +143,13 @@ Code = Mapping[str, tuple[str, bytes]]
 
 def _grown(source: Source) -> Code:
     """Return the byte code that is kept, with that of sources which the runs before this one needed."""
-    kept = _read(source.cache / CODE)
-    code = {name: one for name, one in (kept or _of_others(source)).items() if _is_current(name, one[1])}
+    stored = _read(source.cache / CODE)
+    code = {name: entry for name, entry in (stored or _of_others(source)).items() if _is_current(name, entry[1])}
     missing = sorted(set(_names(source.cache)) - {*code})
     if sum(_size(source, name) for name in missing) < WORTH:
         missing = []
-    if code == kept and not missing:
-        return kept
+    if code == stored and not missing:
+        return stored
     with suppress(OSError, Unreadable):
         code = {**code, **(_compiled(source, missing) if missing else {})}
         content = _encoded(code)
@@ -188,14 +188,15 @@ def _of_others(source: Source) -> Code:
     code: dict[str, tuple[str, bytes]] = {}
     python, *folders = _origin(source)
     with suppress(OSError):
-        caches = [one.parent for one in source.cache.parent.glob(f"*/{ORIGIN}") if one.parent != source.cache]
-        for cache in sorted(caches, key=lambda one: (one / ORIGIN).stat().st_mtime, reverse=True)[:OTHERS]:
-            origin = _read_list(cache / ORIGIN)
+        origins = [file for file in source.cache.parent.glob(f"*/{ORIGIN}") if file.parent != source.cache]
+        for file in sorted(origins, key=lambda file: file.stat().st_mtime, reverse=True)[:OTHERS]:
+            cache = file.parent
+            origin = _read_list(file)
             if origin[:1] != [python]:
                 continue
-            for name, one in _read(cache / CODE).items():
+            for name, entry in _read(cache / CODE).items():
                 if name not in code and (name.startswith("/") or _is_shared(name, folders, origin[1:])):
-                    code[name] = one
+                    code[name] = entry
     return code
 
 
@@ -331,7 +332,7 @@ def _read_list(path: Path) -> list[str]:
             content = json.loads(read(path, MOST_NAMES * LONGEST_NAME))
     except Unreadable:
         return []
-    return [one for one in content if isinstance(one, str)] if isinstance(content, list) else []
+    return [text for text in content if isinstance(text, str)] if isinstance(content, list) else []
 
 
 def _swept(cache: Path) -> None:

@@ -27,7 +27,7 @@ LEADS_ON = "_simmatrix_below.pth"
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Description:
-    """What the metadata of an environment say.
+    """The metadata of an environment, read together.
 
     `modules` are the top-level modules of each package, as RECORD lists its files. `asking` are the packages that
     declare, in whatever extra, that they need a package. `unmet` are (package, requirement) pairs whose required
