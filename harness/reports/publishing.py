@@ -39,7 +39,7 @@ from harness.running.signatures import shipped_signatures
 from harness.standalone.failures.remedies import in_words
 from harness.standalone.output import print_json
 
-HEAD_BYTES, TAIL_BYTES, WORTH_LEAVING_OUT = 4_000, 10_000, 1_000
+HEAD_BYTES, TAIL_BYTES, WORTH_LEAVING_OUT = 2_000, 6_000, 1_000
 """Bytes of the beginning and of the end of a log that a report shows, and the fewest between them that are left out."""
 
 
