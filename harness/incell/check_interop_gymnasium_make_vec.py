@@ -25,8 +25,11 @@ def _skip_without_entry_point(probe):
     """Skip environments whose package brings no vector environment."""
     gymnasium = importlib.import_module("gymnasium")
     registration = importlib.import_module("gymnasium.envs.registration")
+    module, _, name = probe.api.local_name(probe.case).rpartition(":")
     with library:
-        spec = gymnasium.spec(probe.api.local_name(probe.case))
+        if module:  # `make` imports it, `spec` does not
+            importlib.import_module(module)
+        spec = gymnasium.spec(name)
     if not hasattr(registration, "VectorizeMode") or spec.vector_entry_point is None:
         skip("gymnasium.no_vector_entry_point")
 

@@ -100,7 +100,7 @@ RED = {
     ),
     "fragile-refused": ("partial", "single", "failed", r"single\.check_env: " + SEGFAULT),
     "own-vector-constant": (
-        "partial",
+        "broken",
         "interop",
         "failed",
         VIOLATION + r"the observations of the vector environment stay the same over \d+ steps",
