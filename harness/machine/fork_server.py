@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import atexit
 import os
+import select
+import signal
 import socket
 import subprocess
 import sys
@@ -16,8 +18,8 @@ from typing import IO
 from harness.machine.supervisor import SIZE
 
 SUPERVISOR = Path(__file__).parent / "supervisor" / "__main__.py"
-PATIENCE = 5.0
-"""Seconds that it has to end."""
+PATIENCE, WAKE_SECONDS = 5.0, 1.0
+"""Seconds that the server has to end, and between two wakings of one that somebody may have stopped."""
 
 LOADER = ("LD_LIBRARY_PATH",)
 """All that a supervisor inherits of the environment: what this Python may need to start. It can be read by the command
@@ -60,6 +62,10 @@ class Guard:
     def wait(self) -> int | None:
         """Wait for its end and return its exit code, minus the signal where one ended it; None where nobody knows."""
         os.close(self.report)
+        poller = select.poll()
+        poller.register(self._end, select.POLLIN)
+        while not poller.poll(WAKE_SECONDS * 1000):
+            self._server.wake()
         code = os.read(self._end, SIZE)
         os.close(self._end)
         return int.from_bytes(code, "little", signed=True) if code else None
@@ -79,20 +85,30 @@ class _Server:
                 # Ctrl-C in a terminal must not reach it: `stop` ends each command and gives the reason.
                 start_new_session=True,
             )
+        ours.settimeout(WAKE_SECONDS)
         self.socket = ours
 
     def fork(self, descriptors: list[int]) -> int:
         """Have a guard forked and return its pid; 0 where the server has ended."""
+        self.wake()
         try:
             socket.send_fds(self.socket, [bytes(2 * SIZE)], descriptors)
-            return int.from_bytes(self.socket.recv(SIZE), "little")
+            while True:
+                with suppress(TimeoutError):
+                    return int.from_bytes(self.socket.recv(SIZE), "little")
+                self.wake()
         except (BrokenPipeError, ConnectionResetError):
             return 0
 
     def signal(self, pid: int, number: int) -> None:
         """Send a signal to a guard; nobody gets it where the guard or this server has ended."""
+        self.wake()
         with suppress(OSError):
             self.socket.send(b"".join(part.to_bytes(SIZE, "little") for part in (pid, number)))
+
+    def wake(self) -> None:
+        """Wake it, in case somebody has stopped it."""
+        self.process.send_signal(signal.SIGCONT)
 
     def close(self) -> None:
         """End it, and wait; guards that are still running end by themselves."""

@@ -542,17 +542,29 @@ class TestDeaths:
             (0, None, "later\n"),
         ]
 
-    def test_guards_hold_no_files_of_others(self, python: Build) -> None:
-        """A guard has its own three streams open, and no pipe of another one."""
-        with (
-            process.start(python("import time; time.sleep(600)")),
-            process.start(python("import time; time.sleep(600)")) as second,
-        ):
-            held = sorted(Path(f"/proc/{second.pid}/fd").iterdir())
-            streams = [str(path.readlink()) for path in held if path.name in {"0", "1", "2"}]
-            pipes = {str(path.readlink()) for path in held if str(path.readlink()).startswith(("pipe:", "socket:"))}
+    def test_stopped_fork_server(self, sandbox: str, python: Build, marker: str) -> None:
+        """If the server is stopped, it is woken: what runs ends, and the next command starts."""
+        with process.start(python("import time; time.sleep(1)", marker)) as running:
+            assert eventually(lambda: find_processes(marker))
+            server = parent_of(running.pid)
+            os.kill(server, signal.SIGSTOP)
+            done = running.wait()
+        os.kill(server, signal.SIGSTOP)
+        after = process.run(python("print('later')"))
 
-        assert len(pipes - {*streams}) <= 1  # the keeper's report
+        assert [(one.exit_code, one.killed) for one in (done, after)] == [(0, None)] * 2
+
+    def test_guards_hold_no_files_of_others(self, python: Build) -> None:
+        """A guard has its own three streams open, and of other pipes and sockets only the keeper's report."""
+
+        def strange() -> set[str]:
+            held = {path.name: str(path.readlink()) for path in Path(f"/proc/{second.pid}/fd").iterdir()}
+            streams = {held.pop(name) for name in ("0", "1", "2")}
+            return {target for target in held.values() if target.startswith(("pipe:", "socket:"))} - streams
+
+        sleeping = python("import time; time.sleep(600)")
+        with process.start(sleeping), process.start(sleeping) as second:
+            assert eventually(lambda: len(strange()) == 1)
 
     def test_stop(self, tmp_path: Path, marker: str) -> None:
         """`stop` ends the commands that other threads wait for, and nothing starts afterwards."""

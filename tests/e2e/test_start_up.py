@@ -8,7 +8,7 @@ import sys
 import pytest
 
 LATER = ("numpy", "PIL", "rich", "jinja2", "harness.reports.publishing", "harness.physics")
-"""What only a report needs, or physics that are compared."""
+"""Modules that only a report needs, or a comparison of physics."""
 
 
 @pytest.mark.parametrize("verb", ["run", "plan"])

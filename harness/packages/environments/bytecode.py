@@ -18,6 +18,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from harness.machine import process
@@ -188,12 +189,9 @@ def _of_others(source: Source) -> Code:
     code: dict[str, tuple[str, bytes]] = {}
     python, *folders = _origin(source)
     with suppress(OSError):
-        origins = [file for file in source.cache.parent.glob(f"*/{ORIGIN}") if file.parent != source.cache]
-        for file in sorted(origins, key=lambda file: file.stat().st_mtime, reverse=True)[:OTHERS]:
-            cache = file.parent
-            origin = _read_list(file)
-            if origin[:1] != [python]:
-                continue
+        files = sorted(source.cache.parent.glob(f"*/{ORIGIN}"), key=lambda file: file.stat().st_mtime, reverse=True)
+        origins = ((file.parent, _read_list(file)) for file in files if file.parent != source.cache)
+        for cache, origin in islice((one for one in origins if one[1][:1] == [python]), OTHERS):
             for name, entry in _read(cache / CODE).items():
                 if name not in code and (name.startswith("/") or _is_shared(name, folders, origin[1:])):
                     code[name] = entry
