@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from harness.judging.assess import assess
 from harness.machine import store, this_machine
 from harness.machine.files import given_files
 from harness.machine.store import Store
 from harness.model import Cell, Plan, Verdict, cellid
 from harness.model.errors import BadInput
+from harness.reports import document
 from harness.running import shards
 from harness.running.signatures import shipped_signatures
 
@@ -24,8 +26,6 @@ def committed_report(matrix: Path, name: str) -> Path | None:
 
 def durations(files: Iterable[Path]) -> dict[str, float]:
     """Return the seconds of cells by id, from report documents. A later document overrides an earlier one."""
-    from harness.reports import document  # noqa: PLC0415 - start-up: it takes numpy
-
     seconds: dict[str, float] = {}
     for file in files:
         content = given_files.read_content(file, f"--durations {file}")
@@ -72,7 +72,6 @@ def _failed(cell: Cell, opened: Store, here: str, today: str) -> bool:
     record = opened.load_current(here, cell)
     if record is None:
         return False
-    from harness.judging.assess import assess  # noqa: PLC0415 - start-up: it takes numpy
 
     assessment = assess(record, shipped_signatures.load_knowledge(opened.folder), today)
     return assessment.verdict is Verdict.INCONCLUSIVE or assessment.as_expected is False
