@@ -75,7 +75,7 @@ def test_measured_packages_and_known_issues_are_listed(capsys: pytest.CaptureFix
     jsonschema.validate(document, json_schema(KnownDocument))
     packages = {one["name"]: one for one in document["packages"]}
     assert {"gymnasium", "mujoco", "robosuite", "numpy"} <= packages.keys()
-    assert "rsl-rl-lib" not in packages
+    assert "tensorstore" not in packages
     assert "1.27.0" in packages["pettingzoo"]["works"]
     assert "pettingzoo" in packages["pettingzoo"]["reports"]
     assert "1.4.0" in packages["gymnasium"]["works"]

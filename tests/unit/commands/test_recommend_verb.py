@@ -183,7 +183,7 @@ def test_the_weighing_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
     assert 0 < mujoco["same"] < mujoco["tasks"]
 
 
-@pytest.mark.parametrize("name", ["rsl-rl-lib"])
+@pytest.mark.parametrize("name", ["tensorstore"])
 def test_a_package_that_never_ran_is_never_good(capsys: pytest.CaptureFixture[str], name: str) -> None:
     """Packages that only lay in locks of the shipped results."""
     assert main(["recommend", name]) == 1
