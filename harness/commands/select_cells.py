@@ -11,7 +11,6 @@ from harness.machine.files import given_files
 from harness.machine.store import Store
 from harness.model import Cell, Plan, Verdict, cellid
 from harness.model.errors import BadInput
-from harness.reports import document
 from harness.running import shards
 from harness.running.signatures import shipped_signatures
 
@@ -26,6 +25,8 @@ def committed_report(matrix: Path, name: str) -> Path | None:
 
 def durations(files: Iterable[Path]) -> dict[str, float]:
     """Return the seconds of cells by id, from report documents. A later document overrides an earlier one."""
+    from harness.reports import document  # noqa: PLC0415 - start-up: few runs name a report
+
     seconds: dict[str, float] = {}
     for file in files:
         content = given_files.read_content(file, f"--durations {file}")

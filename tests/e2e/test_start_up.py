@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-LATER = ("numpy", "PIL", "rich", "jinja2", "harness.reports.publishing", "harness.physics")
+LATER = ("numpy", "PIL", "rich", "jinja2", "harness.reports.publishing", "harness.reports.document", "harness.physics")
 """Modules that only a report needs, or a comparison of physics."""
 
 
