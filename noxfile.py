@@ -65,6 +65,13 @@ def newest(session: nox.Session) -> None:
 
 
 @nox.session(python="3.11")
+def costs(session: nox.Session) -> None:
+    """What the harness itself costs, beside earlier entries of `benchmarks/costs.jsonl`; a new one is appended."""
+    session.install("-e", ".[dev]")
+    session.run("python", "-m", "benchmarks.costs", *session.posargs)
+
+
+@nox.session(python="3.11")
 def report(session: nox.Session) -> None:
     """Tables of what was measured here."""
     session.install("-e", ".")

@@ -57,12 +57,16 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
     parser.add_argument("--prepare", type=Path, help=argparse.SUPPRESS)
     parser.add_argument("--stages", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--once", nargs=2, metavar=("SIZE", "FOLDER"), help="print the stages of one size, as JSON")
     args = parser.parse_args()
     if args.prepare:
         prepare(args.prepare)
         return
     if args.stages:
         print(json.dumps(stages(args.stages)))
+        return
+    if args.once:
+        print(json.dumps(measure_stages(Path(args.once[1]), int(args.once[0]))))
         return
     rows = {}
     for size in args.sizes:
@@ -75,6 +79,15 @@ def main() -> None:
 
 
 # --- one size --------------------------------------------------------------------------------------------------
+
+
+def measure_stages(folder: Path, size: int) -> dict[str, float]:
+    """Return the seconds of each stage and the peak of memory (MB), measured once."""
+    matrix = fakecells.write_matrix(folder, size)
+    env = {**os.environ, "HARNESS_CACHE": str(folder / "cache"), "HARNESS_STATE": str(folder / "state")}
+    called([sys.executable, __file__, "--prepare", str(matrix)], env, folder)
+    stages: dict[str, float] = json.loads(called([sys.executable, __file__, "--stages", str(matrix)], env, folder)[3])
+    return stages
 
 
 def measure_size(folder: Path, size: int, runs: int) -> dict[str, float]:
