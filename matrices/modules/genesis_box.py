@@ -1,18 +1,31 @@
 """A box that falls on a plane in Genesis, as one Gymnasium environment: its observation is where the box is."""
 
+from functools import cache
+
 import genesis as gs
 import gymnasium
 import numpy as np
 
 
+@cache
+def start(backend):
+    """Start Genesis once in a process: it refuses a second time."""
+    gs.init(backend=getattr(gs, backend), logging_level="warning")
+
+
 class FallingBox(gymnasium.Env):
     """A scene of one plane and one box, which nothing drives."""
 
+    metadata = {"render_modes": ["rgb_array"]}  # noqa: RUF012 - as Gymnasium has it
+
     def __init__(self, backend, render_mode=None):
-        gs.init(backend=getattr(gs, backend), logging_level="warning")
+        start(backend)
         self.scene = gs.Scene(show_viewer=False, sim_options=gs.options.SimOptions(dt=0.01))
         self.scene.add_entity(gs.morphs.Plane())
         self.box = self.scene.add_entity(gs.morphs.Box(pos=(0, 0, 1), size=(0.2, 0.2, 0.2)))
+        self.camera = None
+        if render_mode:
+            self.camera = self.scene.add_camera(res=(320, 240), pos=(2.5, 0.0, 1.5), lookat=(0, 0, 0.5), fov=40)
         self.scene.build()
         self.render_mode = render_mode
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (3,), np.float32)
@@ -29,6 +42,10 @@ class FallingBox(gymnasium.Env):
         self.scene.step()
         place = self._place()
         return place, float(place[2]), False, False, {}
+
+    def render(self):
+        """Return what the camera sees."""
+        return np.asarray(self.camera.render(rgb=True)[0], np.uint8)
 
     def _place(self):
         """Return the place of the box."""

@@ -143,8 +143,8 @@ def _suggest_remedy(remedy: Mapping[str, Any], place: Place) -> Iterator[str]:
     by = place.installer or installer(place.python)
     if requirements:
         # An installer leaves a package alone that is there and that no version is asked of.
-        here = {requirement(text).name for text in place.requirements}
-        stays = any(each.name in here and not each.specifiers for each in map(requirement, requirements))
+        here = set(map(named, place.requirements))
+        stays = any(named(text) in here and not requirement(text).specifiers for text in requirements)
         yield from by.installing(["--upgrade", *requirements] if stays else requirements)
     if gone:
         yield from by.uninstalling(gone)
