@@ -66,7 +66,7 @@ def newest(session: nox.Session) -> None:
 
 @nox.session(python="3.11")
 def costs(session: nox.Session) -> None:
-    """What the harness itself costs, beside earlier entries of `benchmarks/costs.jsonl`; a new one is appended."""
+    """What the harness itself costs, compared with the entries in `benchmarks/costs.jsonl`; a new one is added."""
     session.install("-e", ".[dev]")
     session.run("python", "-m", "benchmarks.costs", *session.posargs)
 

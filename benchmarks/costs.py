@@ -90,8 +90,8 @@ def compare(entry: Mapping[str, Any], earlier: Sequence[Mapping[str, Any]]) -> I
     for name, seconds in entry["core_seconds"].items():
         before = [one["core_seconds"][name] / one["yardstick"] for one in earlier if name in one["core_seconds"]]
         ratio = seconds / entry["yardstick"] / statistics.median(before[-BEFORE:]) if before else None
-        told = "" if ratio is None else f"{ratio:5.2f} times before" + (", SLOWER" if ratio > SLOWER else "")
-        yield f"{name:45} {seconds:7.2f} s  {told}".rstrip()
+        comparison = "" if ratio is None else f"{ratio:5.2f} times before" + (", SLOWER" if ratio > SLOWER else "")
+        yield f"{name:45} {seconds:7.2f} s  {comparison}".rstrip()
 
 
 def main() -> None:

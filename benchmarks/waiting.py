@@ -80,12 +80,12 @@ class Bench:
         nothing = (sys.executable, "-I", "-c", "import json, re, sys; sys.stdin.read()")
         decode = (sys.executable, "-c", DECODE)
         checks = "the two check processes of one cell, environment at hand"
-        one = "uv and the interpreter by hand: resolve, make, install, the same checks"
+        new_cell = "uv and the interpreter by hand: resolve, make, install, the same checks"
         reports = sorted(map(str, (ROOT / "reports").glob("*/report.json")))
         return (
             Wait("`run quickstart --fresh`: its first result", 3, self.first_result, checks, self.checks_by_hand),
             Wait("`run quickstart --fresh`: all of it", 0, self.all_results, checks, self.checks_by_hand),
-            Wait("`try` of CartPole, a new environment", 3, self.tried, one, self.tried_by_hand),
+            Wait("`try` of CartPole, a new environment", 3, self.tried, new_cell, self.tried_by_hand),
             Wait(
                 "`explain` of a pasted line", 0.3, lambda: self.timed(self.simmatrix("explain", "-"), TEXT),
                 "an interpreter that reads the line", lambda: self.timed(nothing, TEXT),
@@ -107,8 +107,8 @@ class Bench:
 
     def tried(self) -> float:
         """Return the seconds of `try` with no environment and no results; downloads are kept."""
-        for kept in ("state", "cache/environments"):
-            shutil.rmtree(self.folder / kept, ignore_errors=True)
+        for name in ("state", "cache/environments"):
+            shutil.rmtree(self.folder / name, ignore_errors=True)
         return self.timed(self.simmatrix(*TRIED))
 
     def tried_by_hand(self) -> float:

@@ -154,6 +154,23 @@ def test_another_file_of_the_same_look_is_not_taken_for_it(source: Source) -> No
         assert not list(lent.prefix.rglob("package/*.pyc"))
 
 
+def test_a_first_run_finds_code_of_what_others_needed(source: Source, tmp_path: Path) -> None:
+    """The first run in another environment finds its own byte code of what runs elsewhere needed, if it is there."""
+    run_twice(source)
+    folder = tmp_path / "another"
+    (folder / "package").mkdir(parents=True)
+    (folder / "package/__init__.py").write_text(MODULE + "OTHER = 1\n")
+    another = Source(folders=(folder,), python=source.python, cache=source.cache.parent / "another")
+    with bytecode.lend_folders(another, folder, "t") as lent:
+        before = pyc(lent, folder).stat().st_mtime_ns
+        imported(lent, folder, "print(package.OTHER)")
+        assert pyc(lent, folder).stat().st_mtime_ns == before
+    (folder / "package/__init__.py").unlink()
+    lacking = Source(folders=(folder,), python=source.python, cache=source.cache.parent / "lacking")
+    with bytecode.lend_folders(lacking, folder, "t") as lent:
+        assert not [path for path in lent.prefix.rglob("*.pyc") if "package" in path.parts]
+
+
 def test_our_own_files_are_kept_while_they_are_the_same(source: Source, monkeypatch: pytest.MonkeyPatch) -> None:
     """The files that run in a cell are compiled once, and again after they were changed."""
     own = source.folders[0].parent / "own"

@@ -4,7 +4,7 @@ A run may leave anything as byte code, be it by intent or because a disk was ful
 with it, and only the names of the sources that it needed are taken from there. Before the next run they are compiled
 from the sealed environment, in a process that runs nothing of them, and kept in one file under its own hash: what was
 damaged since is not used. An environment that has none begins with that of others for the same Python, for those files
-which are the very same ones on the disk.
+which are the very same ones on the disk; and what others needed is compiled before its first run.
 
 What numba and Warp compile cannot be made apart from the run. It is kept for those that import the same.
 """
@@ -146,7 +146,8 @@ def _grown(source: Source) -> Code:
     """Return the byte code that is kept, with that of sources which the runs before this one needed."""
     stored = _read(source.cache / CODE)
     code = {name: entry for name, entry in (stored or _of_others(source)).items() if _is_current(name, entry[1])}
-    missing = sorted(set(_names(source.cache)) - {*code})
+    needed = _names(source.cache) or ([] if stored else _likely(source))
+    missing = sorted({*needed} - {*code})
     if sum(_size(source, name) for name in missing) < WORTH:
         missing = []
     if code == stored and not missing:
@@ -184,18 +185,38 @@ def _origin(source: Source) -> list[str]:
     return [str(source.python.resolve()), *map(str, source.folders)]
 
 
+def _others(source: Source) -> Iterator[tuple[Path, list[str]]]:
+    """Yield where other environments have their byte code, and their origins, the newest first."""
+    with suppress(OSError):
+        files = sorted(source.cache.parent.glob(f"*/{ORIGIN}"), key=lambda file: file.stat().st_mtime, reverse=True)
+        origins = ((file.parent, _read_list(file)) for file in files if file.parent != source.cache)
+        yield from (one for one in origins if one[1])
+
+
 def _of_others(source: Source) -> Code:
     """Return byte code of other environments for the same Python: that of files which this one shares with them."""
     code: dict[str, tuple[str, bytes]] = {}
     python, *folders = _origin(source)
-    with suppress(OSError):
-        files = sorted(source.cache.parent.glob(f"*/{ORIGIN}"), key=lambda file: file.stat().st_mtime, reverse=True)
-        origins = ((file.parent, _read_list(file)) for file in files if file.parent != source.cache)
-        for cache, origin in islice((one for one in origins if one[1][:1] == [python]), OTHERS):
-            for name, entry in _read(cache / CODE).items():
-                if name not in code and (name.startswith("/") or _is_shared(name, folders, origin[1:])):
-                    code[name] = entry
+    for cache, origin in islice((one for one in _others(source) if one[1][0] == python), OTHERS):
+        for name, entry in _read(cache / CODE).items():
+            if name not in code and (name.startswith("/") or _is_shared(name, folders, origin[1:])):
+                code[name] = entry
     return code
+
+
+def _likely(source: Source) -> set[str]:
+    """Return the sources that runs in other environments needed and that this one has, too, before its first run."""
+    ours = _standard_library(source.python.resolve())
+    likely = set()
+    for cache, origin in islice(_others(source), OTHERS):
+        theirs = _standard_library(Path(origin[0]))
+        likely |= {ours + name[len(theirs) :] if name.startswith(theirs) else name for name in _names(cache)}
+    return {name for name in likely if _size(source, name)}
+
+
+def _standard_library(python: Path) -> str:
+    """Return the folder of the standard library, as the names of its sources begin."""
+    return f"{python.parents[1]}/lib/{python.name.removesuffix('d')}/"
 
 
 def _is_shared(name: str, ours: Iterable[str], theirs: Iterable[str]) -> bool:

@@ -15,7 +15,7 @@ from __future__ import annotations
 import sysconfig
 import time
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -67,9 +67,9 @@ def _tell_of_old_results(store: Store, observer: Observer) -> None:
 
 @dataclass(order=True, slots=True)
 class _Ready:
-    """A prepared cell that waits for a slot: the longest first, then in the order of the cells."""
+    """A prepared cell that waits for a slot, in its place of the order."""
 
-    rank: tuple[float, int]
+    rank: tuple[float, int, int]
     prepared: Prepared = field(compare=False)
     memory_mb: int = field(compare=False)
 
@@ -113,7 +113,7 @@ class Flow:
     def run(self, cells: Sequence[Cell], past: Past) -> None:
         """Bring these cells to their records."""
         self.past = past
-        self.order = {cell.id: (-past.seconds(cell), number) for number, cell in enumerate(cells)}
+        self.order = order(cells, past)
         self.groups.extend(self._grouped(cells))
         # Controls have a thread of their own: `Runner.measure` waits for claims, and would hold up a slot.
         with threads(self.at_once, self.room.slots, 1) as (self.first, self.second, self.third):
@@ -256,6 +256,19 @@ class Flow:
             self.runner.observer.say(f"{record.cell.id}: it cannot be stored: {error}")
         self.records[record.cell.id] = record
         self.runner.observer.done(record)
+
+
+def order(cells: Iterable[Cell], past: Past) -> dict[str, tuple[float, int, int]]:
+    """Return the places of cells by id: the longest first; of equal ones those of other Pythons in turn.
+
+    Two cells of one Python at a time would compile the same files of their shared wheels twice.
+    """
+    turns = Counter[str]()
+    places = {}
+    for number, cell in enumerate(cells):
+        places[cell.id] = (-past.seconds(cell), turns[cell.python], number)
+        turns[cell.python] += 1
+    return places
 
 
 @contextmanager
