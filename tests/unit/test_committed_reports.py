@@ -25,7 +25,6 @@ UNAVAILABLE = {
     "isaac-gym": 2,
     "isaac-lab": 2,
     "libero": 1,
-    "genesis": 1,
     "meta-world": 1,
     "playground": 1,
     "robocasa": 1,

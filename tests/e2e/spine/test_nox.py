@@ -124,7 +124,7 @@ def test_our_noxfile_needs_nothing_but_nox(nox_desk: Desk) -> None:
     ours = nox_desk.run("-l", "-f", ROOT / "noxfile.py", module="nox")
     without = nox_desk.run("-l", "-f", ROOT / "noxfile.py", module="apart")
 
-    own = ["lint", "tests", "endurance", "controls", "history", "newest", "report", "site"]
+    own = ["lint", "tests", "endurance", "controls", "history", "newest", "costs", "report", "site"]
     own += ["pyz", "docs", "release"]
     assert [name for name in list_sessions(ours.out) if not name.startswith("cell(quickstart/")] == own
     assert len(list_sessions(ours.out)) == 6 + len(own)
