@@ -16,6 +16,8 @@ from harness.reports import document
 
 HERE = Path(__file__).parent
 PAGE = HERE / "families.md"
+FIGURES = ("hours", "cpu_hours", "gigabytes")
+"""The columns; one that was not measured is empty."""
 HEAD = """# What each family cost
 
 Made by `python -m benchmarks.families` from [families.toml](families.toml): wall hours on two cores that other runs
@@ -31,11 +33,9 @@ def rows(families: dict[str, dict[str, Any]]) -> Iterator[str]:
     for name, cost in families.items():
         cells = document.read_file(HERE.parent / "reports" / name / "report.json").cells
         verdicts = ", ".join(f"{count} {verdict}" for verdict, count in Counter(cell.verdict for cell in cells).items())
-        figures = " | ".join(f"{cost[key]:.2f}" for key in ("hours", "cpu_hours", "gigabytes"))
+        figures = " | ".join(f"{cost[key]:.2f}" if key in cost else "" for key in FIGURES)
         yield f"| [{name}](../reports/{name}/report.md) | {len(cells)} | {verdicts} | {figures} | {cost['note']} |"
-    total = " | ".join(
-        f"{sum(each[key] for each in families.values()):.2f}" for key in ("hours", "cpu_hours", "gigabytes")
-    )
+    total = " | ".join(f"{sum(each.get(key, 0) for each in families.values()):.2f}" for key in FIGURES)
     yield f"| sum | {sum(each['cells'] for each in families.values())} | | {total} | |"
 
 
