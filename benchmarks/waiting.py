@@ -28,7 +28,16 @@ from harness.probes import launch, wire
 
 PAGE = Path(__file__).parent / "waiting.md"
 ROOT = PAGE.parents[1]
-MATRIX = ROOT / "matrices" / "quickstart.toml"
+MATRIX = """
+snapshot = 2026-11-20
+requirements = ["gymnasium[classic-control]"]
+[axes]
+python = ["3.11"]
+gymnasium = ["0.29.1", "1.2.3"]
+[[cases]]
+env = "CartPole-v1"
+api = "gymnasium"
+"""
 INSTANT = "2026-11-20T23:59:59Z"
 WANTED = "gymnasium[classic-control]==1.2.3"
 TEXT = "Traceback (most recent call last):\nAttributeError: module 'numpy' has no attribute 'bool8'\n"
@@ -67,11 +76,13 @@ class Bench:
         self.env = {**os.environ, "HARNESS_CACHE": str(folder / "cache"), "HARNESS_STATE": str(folder / "state")}
         self.uv = {**self.env, "UV_CACHE_DIR": str(folder / "cache" / "uv"), "SDL_VIDEODRIVER": "dummy"}
         self.environment = folder / "by-hand"
+        self.matrix = folder / "cartpole.toml"
+        self.matrix.write_text(MATRIX)
         self.number = 0
 
     def prepare(self) -> None:
         """Fill the caches, and make the environment that the checks by hand use."""
-        self.timed(self.simmatrix("run", str(MATRIX)))
+        self.timed(self.simmatrix("run", str(self.matrix)))
         self.timed(self.simmatrix(*TRIED))
         self.made_by_hand(self.environment)
 
@@ -83,8 +94,8 @@ class Bench:
         new_cell = "uv and the interpreter by hand: resolve, make, install, the same checks"
         reports = sorted(map(str, (ROOT / "reports").glob("*/report.json")))
         return (
-            Wait("`run quickstart --fresh`: its first result", 3, self.first_result, checks, self.checks_by_hand),
-            Wait("`run quickstart --fresh`: all of it", 0, self.all_results, checks, self.checks_by_hand),
+            Wait("first result of `run --fresh`, two combinations", 3, self.first_result, checks, self.checks_by_hand),
+            Wait("both results of `run --fresh`", 0, self.all_results, checks, self.checks_by_hand),
             Wait("`try` of CartPole, a new environment", 3, self.tried, new_cell, self.tried_by_hand),
             Wait(
                 "`explain` of a pasted line", 0.3, lambda: self.timed(self.simmatrix("explain", "-"), TEXT),
@@ -99,11 +110,11 @@ class Bench:
 
     def first_result(self) -> float:
         """Return the seconds until the terminal shows the result of a first cell."""
-        return self.until_a_result(self.simmatrix("run", str(MATRIX), "--fresh"))
+        return self.until_a_result(self.simmatrix("run", str(self.matrix), "--fresh"))
 
     def all_results(self) -> float:
         """Return the seconds of a forced run of everything."""
-        return self.timed(self.simmatrix("run", str(MATRIX), "--fresh"))
+        return self.timed(self.simmatrix("run", str(self.matrix), "--fresh"))
 
     def tried(self) -> float:
         """Return the seconds of `try` with no environment and no results; downloads are kept."""
@@ -153,13 +164,14 @@ class Bench:
         return (sys.executable, "-m", "harness", *arguments)
 
     def timed(self, command: Sequence[str | Path], text: str = "") -> float:
-        """Run a command that has to succeed; return its seconds."""
+        """Run a command that has to do its work; return its seconds. 3 says that some result is inconclusive."""
         start = time.perf_counter()
         ran = subprocess.run(
             tuple(map(str, command)), input=text, text=True, capture_output=True, env=self.uv, cwd=ROOT, check=False
         )
-        if ran.returncode:
-            sys.exit(f"{' '.join(map(str, command))}: exit code {ran.returncode}\n{ran.stdout}\n{ran.stderr}")
+        if ran.returncode not in {0, 3}:
+            shown = f"{' '.join(map(str, command))}"[:200]
+            sys.exit(f"{shown}: exit code {ran.returncode}\n{ran.stdout[-2000:]}\n{ran.stderr[-2000:]}")
         return time.perf_counter() - start
 
     def until_a_result(self, command: Sequence[str]) -> float:

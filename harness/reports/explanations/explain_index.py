@@ -9,15 +9,18 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from harness.machine.files.cache_path import cache_path
 from harness.running.signatures import signature_files
 from harness.standalone.failures import literals, matching
+
+if TYPE_CHECKING:
+    from harness.model.measured import Measured
 
 PACKAGE = Path(__file__).parents[2]
 ROOMS = ("matrix", "model", "reports", "standalone/failures")
@@ -39,11 +42,25 @@ def load_signatures() -> list[matching.Signature]:
 
 def load_measured() -> dict[str, Any]:
     """Return of all measured cells what `explain` shows of one. Raises BadInput."""
-    if os.environ.get("HARNESS_RESULTS") or (Path(os.environ.get("HARNESS_STATE") or ".harness") / "cells").is_dir():
-        from harness.reports.answers import result_index  # noqa: PLC0415 - start-up
+    index, folder = load_index(), Path(os.environ.get("HARNESS_STATE") or ".harness") / "cells"
+    elsewhere = _elsewhere(folder) if os.environ.get("HARNESS_RESULTS") or folder.is_dir() else []
+    again = {cell["id"] for cell in elsewhere}
+    shipped = [cell for cell in index["cells"] if cell["id"] not in again]
+    return {"cells": [*shipped, *filter(_failed, elsewhere)], "overrides": index["overrides"]}
 
-        return {**result_index.load_plain(), "overrides": load_index()["overrides"]}
-    return {key: load_index()[key] for key in ("cells", "overrides")}
+
+def _elsewhere(folder: Path) -> list[dict[str, Any]]:
+    """Return what `explain` shows of cells of others and of this store, kept until one changes. Raises BadInput."""
+    from harness.reports.answers import result_index  # noqa: PLC0415 - start-up
+
+    files = [*result_index.files_of_others(), *sorted(folder.rglob("*.json"))]
+    file = cache_path() / "remembered" / KIND / _name(*files)
+    with suppress(OSError, ValueError):
+        known: list[dict[str, Any]] = json.loads(file.read_bytes())
+        return known
+    cells = [plain for measured in result_index.load_elsewhere() for plain in _shown(measured)]
+    _keep(file, json.dumps(cells).encode())
+    return cells
 
 
 @cache
@@ -58,10 +75,10 @@ def load_index() -> Index:
     return collected
 
 
-def _name() -> str:
+def _name(*more: Path) -> str:
     """Return the name of the file: it differs where anything that it is made of differs."""
-    place = signature_files.folder()
-    marks = [(str(file), entry.st_mtime_ns, entry.st_size) for file in _sources() for entry in (file.stat(),)]
+    place, files = signature_files.folder(), (*_sources(), *more)
+    marks = [(str(file), entry.st_mtime_ns, entry.st_size) for file in files for entry in (file.stat(),)]
     return hashlib.sha256(repr((str(place), marks)).encode()).hexdigest()[:32]
 
 
@@ -81,17 +98,24 @@ def _make() -> Index:
 
     signatures = [each.as_file for each in shipped_signatures.load_all()]
     measured = result_index.load_shipped()
-    cells = [
-        {"id": cell.id, "requirements": list(cell.requirements), "causes": list(cell.causes), "decisive": cell.decisive}
-        for cell in measured.cells
-        if cell.causes or cell.decisive
-    ]
     return {
         "signatures": signatures,
         "literals": literals_of(signatures),
-        "cells": cells,
+        "cells": list(filter(_failed, _shown(measured))),
         "overrides": overrides.working_overrides(measured_cells.read(measured)),
     }
+
+
+def _shown(measured: Measured) -> list[dict[str, Any]]:
+    """Return of each cell what `explain` shows of it."""
+    return [
+        {"id": cell.id, "requirements": list(cell.requirements), "causes": list(cell.causes), "decisive": cell.decisive}
+        for cell in measured.cells
+    ]
+
+
+def _failed(cell: Mapping[str, Any]) -> bool:
+    return bool(cell["causes"] or cell["decisive"])
 
 
 def literals_of(signatures: Sequence[dict[str, Any]]) -> dict[str, list[list[str]]]:

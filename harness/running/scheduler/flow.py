@@ -15,7 +15,7 @@ from __future__ import annotations
 import sysconfig
 import time
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -113,7 +113,7 @@ class Flow:
     def run(self, cells: Sequence[Cell], past: Past) -> None:
         """Bring these cells to their records."""
         self.past = past
-        self.order = order(cells, past)
+        self.order = order(cells, past.seconds)
         self.groups.extend(self._grouped(cells))
         # Controls have a thread of their own: `Runner.measure` waits for claims, and would hold up a slot.
         with threads(self.at_once, self.room.slots, 1) as (self.first, self.second, self.third):
@@ -258,7 +258,7 @@ class Flow:
         self.runner.observer.done(record)
 
 
-def order(cells: Iterable[Cell], past: Past) -> dict[str, tuple[float, int, int]]:
+def order(cells: Iterable[Cell], seconds: Callable[[Cell], float]) -> dict[str, tuple[float, int, int]]:
     """Return the places of cells by id: the longest first; of equal ones those of other Pythons in turn.
 
     Two cells of one Python at a time would compile the same files of their shared wheels twice.
@@ -266,7 +266,7 @@ def order(cells: Iterable[Cell], past: Past) -> dict[str, tuple[float, int, int]
     turns = Counter[str]()
     places = {}
     for number, cell in enumerate(cells):
-        places[cell.id] = (-past.seconds(cell), turns[cell.python], number)
+        places[cell.id] = (-seconds(cell), turns[cell.python], number)
         turns[cell.python] += 1
     return places
 
