@@ -63,12 +63,16 @@ def first_line(answer: Recommended, tool: str) -> str:
 
 def wrap_line(text: str, width: int) -> list[str]:
     """Wrap a line at spaces; lines meant for copying are never broken, nor are the commands of a sentence."""
+    return [row.replace(SPACE, " ") for row in _wrap(text, width)]
+
+
+def _wrap(text: str, width: int) -> list[str]:
+    """Wrap a line, with its commands still held together."""
     command = text.lstrip().startswith(("simmatrix ", "uv ")) or "  # Python" in text or " " not in text.strip(" ")
     if len(text) <= width or command:
-        return [text.replace(SPACE, " ")]
+        return [text]
     indent = " " * (len(text) - len(text.lstrip(" ")) + 2)
-    rows = textwrap.wrap(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
-    return [row.replace(SPACE, " ") for row in rows]
+    return textwrap.wrap(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def unbroken(*words: str) -> str:
@@ -163,7 +167,7 @@ def doubt(combination: Combination) -> Iterator[str]:
     """Yield why a combination that ran may be wrong."""
     names = [name.removeprefix("silent:") for name in combination.unverified if ":" in name]
     opened = "; ".join(unbroken("simmatrix", "known", name) for name in names)
-    yield f"it ran, but a known issue without an error message fits it and was not excluded: {opened}"
+    yield f"it ran, but a known issue that raises nothing fits it: {opened}"
     yield f"measured {combination.measured[:10]}: {unbroken('simmatrix', 'show', combination.cell)}"
 
 
@@ -247,17 +251,20 @@ def _block(text: str, do: str, opened: str, width: int) -> list[str]:
     together = f"    {f'do: {do}; ' if do else ''}{opened}"
     # Where both do not fit, each has a row of its own, and the failure is cut to one.
     actions = [together] if _fits(do, opened, width) else ["    " + shorten(f"do: {do}", width - 4), f"    {opened}"]
-    rows = wrap_line(f"  {text}", width)
+    rows = _wrap(f"  {text}", width)
     most = ROWS - len(actions)
     if len(rows) > most:
         last = shorten(" ".join(rows[most - 1 :]), width - 4)
         rows = [*rows[: most - 1], f"{' ' * (4 if most > 1 else 2)}{last}"]
-    return [*rows, *(action.replace(SPACE, " ") for action in actions)]
+    return [row.replace(SPACE, " ") for row in (*rows, *actions)]
 
 
 def shorten(text: str, width: int) -> str:
-    """Return a text cut at a space where it is too long."""
-    return textwrap.shorten(text, max(width, 10), placeholder=" ...")
+    """Return a text cut at a space where it is too long; no command of it is cut."""
+    rows = textwrap.wrap(
+        re.sub("[ \\n]+", " ", text), max(width, 10), max_lines=1, placeholder=" ...", break_on_hyphens=False
+    )
+    return rows[0] if rows else ""
 
 
 def describe_trap(trap: Red) -> str:

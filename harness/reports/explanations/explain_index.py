@@ -58,8 +58,8 @@ def _elsewhere(folder: Path) -> list[dict[str, Any]]:
         files += result_index.files_of_others()
     file = cache_path() / "remembered" / KIND / _name(*files)
     with suppress(OSError, ValueError):
-        known: list[dict[str, Any]] = json.loads(file.read_bytes())
-        return known
+        cells: list[dict[str, Any]] = json.loads(file.read_bytes())
+        return cells
     from harness.reports.answers import result_index  # noqa: PLC0415 - start-up
 
     cells = [plain for measured in result_index.load_elsewhere() for plain in _shown(measured)]

@@ -1,4 +1,4 @@
-"""What `explain` compares a text with: it is made once, and made again when something that it is made of changes."""
+"""The file that `explain` reads: it is made once, and made again when something that it is made of changes."""
 
 from __future__ import annotations
 
