@@ -26,7 +26,7 @@ PACKAGE = Path(__file__).parents[2]
 ROOMS = ("matrix", "model", "reports", "standalone/failures")
 """Rooms whose code makes what the file holds."""
 
-KIND = "explain"
+KIND, ELSEWHERE = "explain", "explain-elsewhere"
 MOST = 16
 """Files that are kept: several checkouts share a cache."""
 
@@ -56,7 +56,7 @@ def _elsewhere(folder: Path) -> list[dict[str, Any]]:
         from harness.reports.answers import result_index  # noqa: PLC0415 - start-up
 
         files += result_index.files_of_others()
-    file = cache_path() / "remembered" / KIND / _name(*files)
+    file = cache_path() / "remembered" / ELSEWHERE / _name(*files)
     with suppress(OSError, ValueError):
         cells: list[dict[str, Any]] = json.loads(file.read_bytes())
         return cells
@@ -134,7 +134,7 @@ def _keep(file: Path, content: bytes) -> None:
     from harness.model.errors import BadInput  # noqa: PLC0415 - start-up
 
     with suppress(OSError, BadInput):
-        folder = store.cache_folder() / "remembered" / KIND
+        folder = store.cache_folder() / "remembered" / file.parent.name
         for old in sorted(folder.glob("*"), key=lambda each: each.stat().st_mtime)[: -MOST + 1]:
             old.unlink(missing_ok=True)
         store.write_atomic(folder / file.name, content)
