@@ -10,6 +10,7 @@ import sys
 import tempfile
 import threading
 import uuid
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -558,8 +559,11 @@ class TestDeaths:
         """A guard has its own three streams open, and of other pipes and sockets only the keeper's report."""
 
         def strange() -> set[str]:
-            held = {path.name: str(path.readlink()) for path in Path(f"/proc/{second.pid}/fd").iterdir()}
-            streams = {held.pop(name) for name in ("0", "1", "2")}
+            held = {}
+            for path in Path(f"/proc/{second.pid}/fd").iterdir():
+                with suppress(FileNotFoundError):  # it was closed since it was listed
+                    held[path.name] = str(path.readlink())
+            streams = {held.pop(name, "") for name in ("0", "1", "2")}
             return {target for target in held.values() if target.startswith(("pipe:", "socket:"))} - streams
 
         sleeping = python("import time; time.sleep(600)")
