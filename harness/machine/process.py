@@ -82,7 +82,8 @@ class Command:
     CELL needs `home`, an existing folder; TMPDIR is `tmp` beside it (keep it under 75 characters: multiprocessing
     binds sockets below it, whose addresses end at 107), so that who removes HOME still has it: without one Python
     takes the machine's own. Both go with the folder that they lie in. `sealed` folders can be written to, but keep
-    none of it: what was written is reported. `shielded` folders cannot be written to at all, where a mount namespace
+    none of it: what was written is reported. So can `byte_code` folders, of which new byte code is reported; they need
+    a sandbox with an overlay. `shielded` folders cannot be written to at all, where a mount namespace
     is allowed. `writable` folders below a sealed or shielded one stay as they are, as do `home` and TMPDIR.
     """
 
@@ -94,6 +95,7 @@ class Command:
     profile: Profile
     home: Path | None = None
     sealed: tuple[Path, ...] = ()
+    byte_code: tuple[Path, ...] = ()
     writable: tuple[Path, ...] = ()
     shielded: tuple[Path, ...] = ()
 
@@ -105,11 +107,11 @@ class Report:
     `killed` is why it was ended, or not run: the reason given to `Running.kill`; `supervisor: ...`; or, with
     `out_of_memory`, that the whole machine had no memory left. None of these says anything about the command.
     `out_of_memory` without `killed` means its own limit. `written` are paths relative to the sealed folder, at most
-    100. `stray` counts the processes that outlived the command and were ended. `core_seconds` is how long all its
-    processes together had a core. `peak_mb` is the most that they held at a look, pages that they share counted for
-    each. `starved` counts the processes of this machine, or of our control group, that the kernel ended meanwhile for
-    want of memory.
-    `least_room_mb` is the least room that was seen on the disk of `home`.
+    100; `compiled` are those of byte code, relative to the folder for it. `stray` counts the processes that outlived
+    the command and were ended. `core_seconds` is how long all its processes together had a core. `peak_mb` is the most
+    that they held at a look, pages that they share counted for each. `starved` counts the processes of this machine, or
+    of our control group, that the kernel ended meanwhile for want of memory. `least_room_mb` is the least room that was
+    seen on the disk of `home`.
     """
 
     exit_code: int | None = None
@@ -121,6 +123,7 @@ class Report:
     core_seconds: float = 0.0
     truncated: bool = False
     written: tuple[str, ...] = ()
+    compiled: tuple[str, ...] = ()
     stray: int = 0
     peak_mb: int = 0
     starved: int = 0
@@ -336,6 +339,7 @@ def _order(command: Command, sandbox: str) -> dict[str, Any]:
         "home": str(command.home and command.home.absolute()),
         # The supervisor compares these paths as text (`sandbox.reopen`), so no link may be left in them.
         "sealed": [str(folder.resolve()) for folder in command.sealed],
+        "byte_code": [str(folder.resolve()) for folder in command.byte_code],
         "writable": [str(folder.resolve()) for folder in (*command.writable, *_own(command.home))],
         "shielded": [str(folder.resolve()) for folder in command.shielded],
     }
@@ -352,10 +356,11 @@ def _report(text: bytes) -> Report | None:
     # Something behind it means that it is not the only one. Every report of ours has a word on `killed`.
     if stream.read(1) or not isinstance(report, dict) or "killed" not in report:
         return None
-    kinds, written = get_type_hints(Report), report.pop("written", [])
-    fits = isinstance(written, list) and all(isinstance(path, str) for path in written)
+    kinds, lists = get_type_hints(Report), [report.pop(name, []) for name in ("written", "compiled")]
+    fits = all(isinstance(paths, list) and all(isinstance(path, str) for path in paths) for paths in lists)
     fits = fits and all(isinstance(value, kinds.get(name, ())) for name, value in report.items())
-    return Report(**report, written=tuple(written[:MOST_WRITTEN])) if fits else None
+    written, compiled = lists
+    return Report(**report, written=tuple(written[:MOST_WRITTEN]), compiled=tuple(compiled)) if fits else None
 
 
 def _end_orphans(command: Command) -> None:

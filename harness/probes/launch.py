@@ -63,6 +63,11 @@ class Site:
         """Return the folders that a probe runs in. Modules are found first in the last one."""
         return (self.below, self.folder) if self.below else (self.folder,)
 
+    @property
+    def byte_code(self) -> bytecode.Source:
+        """Return where the byte code of the environment is from, and where it is kept."""
+        return bytecode.Source(folders=self.folders, python=self.python, cache=self.pycache)
+
     def run_variables(self, home: Path, code: bytecode.RunFolders) -> dict[str, str]:
         """Return the variables of a run, with the places where Python, numba and Warp keep compiled code."""
         brought = {name: str(copy) for name, copy in self.brought.items()}
@@ -107,6 +112,7 @@ class Workplace:
             profile=process.Profile.CELL,
             home=home,
             sealed=self.sealed,
+            byte_code=(self.code.prefix,) if self.code.covered else (),
             shielded=own_folders(),
             writable=(self.scratch, *self.code.writable),
         )
@@ -117,8 +123,7 @@ def set_up(site: Site, scratch: Path, *imports: object) -> Iterator[Workplace]:
     """Make HOME and the environment ready in a scratch folder, for one run that has these imports."""
     _furnish(site, scratch / "home")
     folder, sealed = _prepare_environment(site, scratch)
-    source = bytecode.Source(folders=site.folders, python=site.python, cache=site.pycache)
-    with bytecode.lend_folders(source, folder, digest(*imports)) as code:
+    with bytecode.lend_folders(site.byte_code, folder, digest(*imports), covered=bool(sealed)) as code:
         yield Workplace(site=site, scratch=scratch, folder=folder, sealed=sealed, code=code)
 
 
@@ -201,7 +206,7 @@ def _run(site: Site, request: ProbeRequest, scratch: Path, beside: Folder, left:
             **{str(one): "$ENV" for one in site.folders},
             str(place.folder): "$ENV",
             str(site.pycache): "$PYCACHE",
-            **{str(one): "$PYCACHE" for one in place.code.writable},
+            **{str(one): "$PYCACHE" for one in (place.code.prefix, *place.code.writable)},
             str(home): "$HOME",
             str(process.temporary(home)): "$TMP",
             str(scratch / "reply"): "$REPLY",
@@ -254,7 +259,12 @@ def _prepare_environment(site: Site, scratch: Path) -> tuple[Path, tuple[Path, .
 
 
 def run_watched(place: Workplace, completed: process.Completed) -> process.Completed:
-    """Return how a run ended, with the files that it wrote into its copy of the environment, if it had one."""
+    """Return how a run ended, with the files that it wrote into its copy of the environment, if it had one.
+
+    What it compiled is noted.
+    """
+    if place.code.covered:
+        bytecode.note(place.site.byte_code, completed.compiled)
     if place.folder == place.site.folder:
         return completed
     return replace(completed, written=tuple(islice(_differences(place.site, place.folder), MOST_WRITTEN)))

@@ -88,7 +88,7 @@ class CellUnderTest:
         script = scratch / "script.py"
         script.write_text(code, encoding="utf-8")
         with launch.set_up(self.site, scratch, "tried") as place:
-            done = process.run(place.command(("-s", str(script), *arguments), limits))
+            done = launch.run_watched(place, process.run(place.command(("-s", str(script), *arguments), limits)))
         # None of these ends says anything about the user's code, so there is no result to be returned.
         if done.killed or done.out_of_memory or done.shot:
             why = done.killed or (SHOT if done.shot else None) or f"it needs more than {limits.memory_mb} MB"

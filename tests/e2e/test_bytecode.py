@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
-from harness.packages.environments import bytecode
+from harness.packages.environments import bytecode, bytecode_tree
 from harness.packages.environments.bytecode import RunFolders, Source
+from harness.packages.environments.bytecode_tree import TABLE, read_tree
 
 MODULE = "import os\nSEEN = os.path.basename(__cached__ or '')\n"
 
@@ -92,10 +94,10 @@ def test_tampered_byte_code_reaches_no_other_run(source: Source) -> None:
 
 @pytest.mark.parametrize("damage", ["cut", "flipped", "empty", "fifo", "folder", "deep"])
 def test_damage_is_not_used(source: Source, damage: str) -> None:
-    """However the file is damaged, a run compiles again, and the next run finds it whole."""
+    """However the table is damaged, a run compiles again, and the next run finds it whole."""
     (folder,) = source.folders
     run_twice(source)
-    code = source.cache / bytecode.CODE
+    code = source.cache / TABLE
     content = code.read_bytes()
     code.unlink()
     match damage:
@@ -116,12 +118,12 @@ def test_verified_runs_compile_code_again(source: Source) -> None:
     run_twice(source)
     (source.cache / "compiled/t/numba").mkdir(parents=True)
     bytecode.forget_compiled(source.cache)
-    assert (source.cache / bytecode.CODE).exists()
+    assert (source.cache / TABLE).exists()
     assert not (source.cache / "compiled").exists()
     bytecode.forget(source.cache)
-    assert not (source.cache / bytecode.CODE).exists()
+    assert not (source.cache / TABLE).exists()
     run_twice(source)
-    assert (source.cache / bytecode.CODE).exists()
+    assert (source.cache / TABLE).exists()
 
 
 def sibling(source: Source, name: str) -> Source:
@@ -199,3 +201,65 @@ def test_a_source_that_cannot_be_compiled_is_asked_for_once(source: Source) -> N
         with bytecode.lend_folders(source, folder, "t") as lent:
             assert imported(lent, folder).startswith("__init__.")
             assert not list(lent.prefix.rglob("broken.*"))
+
+
+def test_what_is_kept_is_lent_to_runs_that_cover_it(source: Source) -> None:
+    """A run that covers its byte code has the kept folder, which later runs share; what it compiles is for the next."""
+    (folder,) = source.folders
+    (folder / "package/more.py").write_text("SEEN = 1\n")
+    with bytecode.lend_folders(source, folder, "t", covered=True) as lent:
+        assert not lent.covered  # there is none to be covered yet
+        imported(lent, folder)
+    with bytecode.lend_folders(source, folder, "t", covered=True) as lent:
+        assert lent.covered
+        assert lent.prefix not in lent.writable
+        place = pyc(lent, folder)
+        assert place.is_file()
+    compiled = f"{folder}/package/more.cpython-311.pyc"
+    bytecode.note(source, [compiled])
+    with bytecode.lend_folders(source, folder, "t", covered=True) as grown:
+        assert grown.prefix != lent.prefix  # a run may still have a layer over that one
+        assert (grown.prefix / compiled.lstrip("/")).is_file()
+        assert pyc(grown, folder).samefile(place)
+    with bytecode.lend_folders(source, folder, "t", covered=True) as last:
+        assert last.prefix == grown.prefix
+
+
+@pytest.mark.parametrize("same_boot", [True, False])
+def test_a_damaged_file_is_lent_to_nobody(source: Source, monkeypatch: pytest.MonkeyPatch, same_boot: bool) -> None:
+    """A file that was changed is compiled anew; after another start also one that looks as it did."""
+    (folder,) = source.folders
+    run_twice(source)
+    tree = read_tree(source.cache)
+    assert tree
+    damaged = tree.folder / tree.files["package/__init__.py"].path
+    before, content = damaged.stat(), damaged.read_bytes()
+    damaged.write_bytes(bytes(len(content)))
+    if not same_boot:
+        os.utime(damaged, ns=(before.st_atime_ns, before.st_mtime_ns))
+        monkeypatch.setattr(bytecode_tree, "_boot", lambda: "another")
+    for _ in range(2):
+        with bytecode.lend_folders(source, folder, "t", covered=True) as lent:
+            assert lent.prefix != tree.folder
+            assert pyc(lent, folder).read_bytes() == content
+
+
+def test_a_replaced_folder_goes_a_day_later(source: Source) -> None:
+    """A folder that was replaced stays for a day after that, for runs that have it, and then goes; others stay."""
+    (folder,) = source.folders
+    run_twice(source)
+    first = read_tree(source.cache)
+    assert first
+    day_ago = time.time() - bytecode_tree.DAY - 60
+    os.utime(first.folder, (day_ago, day_ago))
+    (folder / "package/more.py").write_text("SEEN = 1\n")
+    bytecode.note(source, [f"{folder}/package/more.cpython-311.pyc"])
+    for _ in range(2):
+        with bytecode.lend_folders(source, folder, "t", covered=True) as lent:
+            assert lent.prefix != first.folder
+        assert first.folder.exists()
+        os.utime(lent.prefix, (day_ago, day_ago))
+    os.utime(first.folder, (day_ago, day_ago))
+    with bytecode.lend_folders(source, folder, "t", covered=True) as lent:
+        assert not first.folder.exists()
+        assert pyc(lent, folder).is_file()

@@ -407,6 +407,36 @@ class TestSealed:
 
         assert len(done.written) == 100
 
+    @pytest.mark.usefixtures("overlay")
+    def test_byte_code_is_reported_apart(self, python: Build, sealed: Path, tmp_path: Path) -> None:
+        """Byte code over a kept folder is seen by the run, named in its report, and goes with it; poison does, too."""
+        kept = tmp_path / "kept code"
+        (kept / "a").mkdir(parents=True)
+        (kept / "a/old.cpython-311.pyc").write_bytes(b"old")
+        before = contents(kept)
+        code = """
+import os
+os.makedirs("b" * 200 + "/c")
+for path in ("a/old.cpython-311.pyc", "a/new.cpython-311.pyc", "b" * 200 + "/c/x.pyc", "text.txt"):
+    open(path, "wb").write(b"poison")
+os.makedirs("folder.pyc")
+os.symlink("/etc/passwd", "link.pyc")
+for part in range(6):
+    os.mkdir("d" * 200)
+    os.chdir("d" * 200)
+open("deep.pyc", "w")
+"""
+
+        done = process.run(python(code, cwd=kept, sealed=(sealed,), byte_code=(kept,)))
+
+        assert (done.exit_code, done.written) == (0, ())
+        assert sorted(done.compiled) == [
+            "a/new.cpython-311.pyc",
+            "a/old.cpython-311.pyc",
+            f"{'b' * 200}/c/x.pyc",
+        ]
+        assert contents(kept) == before
+
     @pytest.mark.parametrize("name", [name for name in process.SANDBOXES if "+" in name])
     def test_the_harness_s_own_folders_take_no_write(
         self, python: Build, sealed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str

@@ -39,10 +39,14 @@ def keep(order: dict[str, Any], early: bytes, parent: int) -> dict[str, Any]:
         layers = furnish(order)
         try:
             report = Watch(order, 0 if apart else parent).run(early)
-            paths = (path for layer in layers for path in layer.written())
-            return {**report, "written": [path for path, _ in zip(paths, range(LISTED), strict=False)]}
+            paths = (path for folder in order["sealed"] if folder in layers for path in layers[folder].written())
+            return {
+                **report,
+                "written": [path for path, _ in zip(paths, range(LISTED), strict=False)],
+                "compiled": [path for folder in order["byte_code"] for path in layers[folder].compiled()],
+            }
         finally:
-            for layer in layers:
+            for layer in layers.values():
                 layer.remove()
     except (SupervisorError, OSError) as error:
         return failure(error)

@@ -17,6 +17,9 @@ MNT_DETACH = 2
 ESCAPED = str.maketrans({character: f"\\{character}" for character in "\\:,"})
 """What the options of an overlay do not take as it is."""
 
+NAMES, LENGTH = 20_000, 1_000
+"""Entries of a layer over byte code that are looked at, and the characters that the path of one may have."""
+
 libc = ctypes.CDLL(None, use_errno=True)
 
 
@@ -108,6 +111,23 @@ class Layer:
                 if name in files or not self.existed(path):
                     yield path
 
+    def compiled(self) -> Iterator[str]:
+        """Yield the paths of new and changed byte code, relative to the folder, as far as names are of use."""
+        waiting, seen = [self.upper], 0
+        while waiting and seen < NAMES:
+            try:
+                with os.scandir(waiting.pop()) as entries:
+                    for entry in entries:
+                        seen += 1
+                        if len(entry.path) > LENGTH:
+                            continue
+                        if entry.is_dir(follow_symlinks=False):
+                            waiting.append(entry.path)
+                        elif entry.name.endswith(".pyc") and entry.is_file(follow_symlinks=False):
+                            yield entry.path[len(self.upper) + 1 :]
+            except OSError:  # the command has taken its own rights away
+                continue
+
     def existed(self, path: str) -> bool:
         """Return whether the sealed folder has this path."""
         try:
@@ -149,11 +169,11 @@ def supply_shared_memory(scratch: str) -> None:
     os.rmdir(scratch)
 
 
-def furnish(order: dict[str, Any]) -> list[Layer]:
-    """Mount the command's view: its own /proc and /dev/shm, and covered sealed folders, whose layers are returned."""
+def furnish(order: dict[str, Any]) -> dict[str, Layer]:
+    """Mount the command's view: its own /proc and /dev/shm, and sealed folders; return the layers that cover them."""
     process, _, seal = order["sandbox"].partition("+")
     if not seal:
-        return []
+        return {}
     # Many systems share their mounts: without this, ours would appear on the machine itself.
     mount("none", "/", None, MS_REC | MS_PRIVATE)
     if process == "pid":
@@ -163,13 +183,14 @@ def furnish(order: dict[str, Any]) -> list[Layer]:
     mount("tmpfs", "/dev/shm", "tmpfs", MS_NOSUID | MS_NODEV, f"mode=1777,size={order['memory_mb']}m")
     open_folders = [(path, os.open(path, os.O_PATH)) for path in order["writable"]]
     shield(order["shielded"], open_folders)
-    layers = []
-    for number, folder in enumerate(order["sealed"]):
+    layers = {}
+    closed = [*order["sealed"], *order["byte_code"]]
+    for number, folder in enumerate(closed):
         if seal == "overlay":
-            layers.append(Layer(folder, f"{order['home']}/.sealed/{number}"))
+            layers[folder] = Layer(folder, f"{order['home']}/.sealed/{number}")
         else:
             read_only(folder)
-    reopen(open_folders, order["sealed"])
+    reopen(open_folders, closed)
     return layers
 
 

@@ -1,21 +1,21 @@
 """Keep the byte code of an environment: each run writes its own, and only code that was compiled apart is kept.
 
-A run may leave anything as byte code, be it by intent or because a disk was full. So it writes into a folder that goes
-with it, and only the names of the sources that it needed are taken from there. Before the next run they are compiled
-from the sealed environment, in a process that runs nothing of them, and kept in one file under its own hash: what was
-damaged since is not used. An environment that has none begins with that of others for the same Python, for those files
-which are the very same ones on the disk; and what others needed is compiled before its first run.
+A run may leave anything as byte code, be it by intent or because a disk was full. So what it writes goes with it, and
+only the names of the sources that it needed are taken from there. Before the next run they are compiled from the sealed
+environment, in a process that runs nothing of them, and kept (`bytecode_tree`). A run sees them below a layer that
+takes its writes, or, where this machine has none, as a copy. An environment that has no code begins with that of others
+for the same Python, for those files which are the very same ones on the disk; and what others needed is compiled before
+its first run.
 
 What numba and Warp compile cannot be made apart from the run. It is kept for those that import the same.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-import time
-from collections.abc import Iterable, Iterator, Mapping
+import shutil
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -25,17 +25,17 @@ from harness.machine import process
 from harness.machine.files.guarded_files import read
 from harness.machine.files.scratch_folders import remove_folder, scratch_folder
 from harness.machine.store import own_folders, write_atomic
-from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
+from harness.model.hostile_data import Unreadable, raise_unreadable
 from harness.model.vocabulary import INCELL
+from harness.packages.environments.bytecode_tree import TABLE, File, Linked, Tree, read_tree, sweep, write_tree
 
 PREFIX = "PYTHONPYCACHEPREFIX"
-CODE, NAMES, ORIGIN = "code", "names", "origin"
+NAMES, ORIGIN = "names", "origin"
 OWN = f"{INCELL}/"
 OTHERS = 4
 """Environments of which byte code is taken, those used last."""
 
 MOST_NAMES, LONGEST_NAME, MOST_CODE = 20_000, 1_000, 1 << 30
-DAY = 86_400.0
 WORTH = 64_000
 """Bytes of sources: fewer are compiled by the run itself sooner than another Python starts."""
 
@@ -81,10 +81,14 @@ class Source:
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class RunFolders:
-    """The folders of one run: `prefix` is its own, `compiled` is shared by all runs that import the same."""
+    """The folders of one run: `prefix` has its byte code, `compiled` is shared by all runs that import the same.
+
+    With `covered` the prefix is what is kept, and the run has to cover it with a layer.
+    """
 
     prefix: Path
     compiled: Path
+    covered: bool = False
 
     @property
     def variables(self) -> dict[str, str]:
@@ -98,17 +102,25 @@ class RunFolders:
     @property
     def writable(self) -> tuple[Path, ...]:
         """Return the folders that a run writes to."""
-        return self.prefix, self.compiled
+        return (self.compiled,) if self.covered else (self.prefix, self.compiled)
 
 
 @contextmanager
-def lend_folders(source: Source, shown: Path, trust: str) -> Iterator[RunFolders]:
-    """Yield a run's folders, filled with the kept byte code of an environment that the run sees at `shown`.
+def lend_folders(source: Source, shown: Path, trust: str, *, covered: bool = False) -> Iterator[RunFolders]:
+    """Yield a run's folders, with the kept byte code of an environment that the run sees at `shown`.
 
-    `trust` is equal for runs that import the same.
+    `trust` is equal for runs that import the same. With `covered` the run is lent what is kept, if there is any, and
+    `note` is to be told what it wrote over it.
     """
+    with suppress(OSError):
+        source.cache.mkdir(parents=True, exist_ok=True)
+    tree = _grown(source)
+    sweep(source.cache, tree)
+    compiled = source.cache / "compiled" / trust
+    if covered and tree is not None and _is_made(compiled):
+        yield RunFolders(prefix=tree.folder, compiled=compiled, covered=True)
+        return
     with ExitStack() as stack:
-        _swept(source.cache)
         try:
             run, cache = stack.enter_context(scratch_folder(source.cache)), source.cache
         except OSError:  # a cache that nobody may write to: what this run compiles goes with it
@@ -116,18 +128,31 @@ def lend_folders(source: Source, shown: Path, trust: str) -> Iterator[RunFolders
         folders = RunFolders(prefix=run / "pycache", compiled=cache / "compiled" / trust)
         for folder in folders.writable:
             folder.mkdir(parents=True, exist_ok=True)
-        code = _grown(source)
-        with suppress(OSError):  # without it Python compiles again
-            _unpacked(code, folders.prefix, source, shown)
+        if tree is not None:
+            with suppress(OSError):  # without it Python compiles again
+                _copy(tree, folders.prefix, source, shown)
+        before = {*_pyc_files(folders.prefix)}
         yield folders
-        with suppress(OSError):
-            _note(source.cache, set(_needed(folders.prefix, source, shown)) - {*code})
+        note(source, (path for path in _pyc_files(folders.prefix) if path not in before), shown)
+
+
+def note(source: Source, compiled: Iterable[str], shown: Path | None = None) -> None:
+    """Write down the sources of the byte code that a run wrote, given by paths below the prefix.
+
+    The run saw the environment at `shown`, if not in its own place.
+    """
+    names = {_source_of(path, source, shown or source.folders[-1]) for path in compiled}
+    with suppress(OSError):
+        new = sorted(names - {*_names(source.cache)}) if names else []
+        if new:
+            every = [*_names(source.cache), *new][:MOST_NAMES]
+            write_atomic(source.cache / NAMES, json.dumps(every).encode())
 
 
 def forget(cache: Path) -> None:
     """Delete all kept byte code of an environment, so that it is compiled anew."""
     with suppress(OSError):
-        (cache / CODE).unlink(missing_ok=True)
+        (cache / TABLE).unlink(missing_ok=True)
     forget_compiled(cache)
 
 
@@ -138,26 +163,49 @@ def forget_compiled(cache: Path) -> None:
 
 # --- what is kept ----------------------------------------------------------------------------------------------
 
-Code = Mapping[str, tuple[str, bytes]]
-"""A source's name, relative to its environment unless it is of the standard library, to its file's name and content."""
 
-
-def _grown(source: Source) -> Code:
+def _grown(source: Source) -> Tree | None:
     """Return the byte code that is kept, with that of sources which the runs before this one needed."""
-    stored = _read(source.cache / CODE)
-    code = {name: entry for name, entry in (stored or _of_others(source)).items() if _is_current(name, entry[1])}
-    needed = _names(source.cache) or ([] if stored else _likely(source))
+    tree = read_tree(source.cache)
+    files = tree.files if tree else {}
+    needed = _names(source.cache) or ([] if tree else _likely(source))
+    current = {name for name, file in files.items() if _is_current(name, file)}
+    if tree and tree.whole and len(current) == len(files) and not _is_worth(source, {*needed} - current):
+        return tree
+    links = {name: Linked(tree.folder / files[name].path, files[name]) for name in current} if tree else {}
+    links = links or _of_others(source)
+    code: dict[str, tuple[str, bytes | Linked]] = {}
+    for name, linked in links.items():
+        code[name] = (_path(name, linked.file.path, source), linked)
     missing = sorted({*needed} - {*code})
-    if sum(_size(source, name) for name in missing) < WORTH:
-        missing = []
-    if code == stored and not missing:
-        return stored
     with suppress(OSError, Unreadable):
-        code = {**code, **(_compiled(source, missing) if missing else {})}
-        content = _encoded(code)
-        write_atomic(source.cache / CODE, hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
-        write_atomic(source.cache / ORIGIN, json.dumps(_origin(source)).encode())
-    return code
+        if _is_worth(source, missing):
+            for name, (file, content) in _compiled(source, missing).items():
+                code[name] = (_path(name, file, source), content)
+        if code:
+            tree = write_tree(source.cache, code, tree)
+            write_atomic(source.cache / ORIGIN, json.dumps(_origin(source)).encode())
+    return tree if tree and tree.whole else None
+
+
+def _path(name: str, file: str, source: Source) -> str:
+    """Return where the byte code of a source lies below the prefix, of which `file` is the path elsewhere."""
+    place = _place(name, source, source.folders[-1])
+    return f"{place.rpartition('/')[0]}/{file.rpartition('/')[2]}".lstrip("/")
+
+
+def _is_worth(source: Source, missing: Iterable[str]) -> bool:
+    """Return whether sources are large enough that another Python is to compile them."""
+    return sum(_size(source, name) for name in missing) >= WORTH
+
+
+def _is_made(folder: Path) -> bool:
+    """Return whether a folder could be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return True
 
 
 def _size(source: Source, name: str) -> int:
@@ -168,7 +216,7 @@ def _size(source: Source, name: str) -> int:
     return 0
 
 
-def _is_current(name: str, code: bytes) -> bool:
+def _is_current(name: str, file: File) -> bool:
     """Return whether byte code is of the source as it is now; sources of an environment do not change, ours may."""
     if not name.startswith(OWN):
         return True
@@ -177,7 +225,7 @@ def _is_current(name: str, code: bytes) -> bool:
     except OSError:
         return False
     mark = b"".join((number & 0xFFFFFFFF).to_bytes(4, "little") for number in (int(there.st_mtime), there.st_size))
-    return code[8:16] == mark
+    return file.mark == mark.hex()
 
 
 def _origin(source: Source) -> list[str]:
@@ -193,14 +241,16 @@ def _others(source: Source) -> Iterator[tuple[Path, list[str]]]:
         yield from (one for one in origins if one[1])
 
 
-def _of_others(source: Source) -> Code:
+def _of_others(source: Source) -> dict[str, Linked]:
     """Return byte code of other environments for the same Python: that of files which this one shares with them."""
-    code: dict[str, tuple[str, bytes]] = {}
+    code: dict[str, Linked] = {}
     python, *folders = _origin(source)
     for cache, origin in islice((one for one in _others(source) if one[1][0] == python), OTHERS):
-        for name, entry in _read(cache / CODE).items():
-            if name not in code and (name.startswith("/") or _is_shared(name, folders, origin[1:])):
-                code[name] = entry
+        tree = read_tree(cache)
+        for name, file in tree.files.items() if tree else ():
+            shared = name.startswith("/") or _is_shared(name, folders, origin[1:])
+            if tree and name not in code and shared and _is_current(name, file):
+                code[name] = Linked(tree.folder / file.path, file)
     return code
 
 
@@ -231,34 +281,7 @@ def _is_shared(name: str, ours: Iterable[str], theirs: Iterable[str]) -> bool:
     return len(marks) == 2 and marks[0] == marks[1]
 
 
-def _read(path: Path) -> Code:
-    try:
-        digest, _, content = read(path, MOST_CODE).partition(b"\n")
-        return _decoded(content) if hashlib.sha256(content).hexdigest().encode() == digest else {}
-    except Absent:
-        return {}
-    except Unreadable:
-        remove_folder(path)  # a folder, in the place of which no file can be put
-        return {}
-
-
-def _encoded(code: Code) -> bytes:
-    table = [[name, file, len(content)] for name, (file, content) in code.items()]
-    return json.dumps(table).encode("ascii") + b"\n" + b"".join(content for _, content in code.values())
-
-
-def _decoded(content: bytes) -> Code:
-    with raise_unreadable():
-        start = content.index(b"\n") + 1
-        code = {}
-        for name, file, size in json.loads(content[:start]):
-            # A folder in the file's name could lead out of the run's prefix.
-            code[str(name)] = (str(file).rpartition("/")[2], content[start : start + size])
-            start += size
-        return code
-
-
-def _compiled(source: Source, names: list[str]) -> Code:
+def _compiled(source: Source, names: list[str]) -> dict[str, tuple[str, bytes]]:
     with scratch_folder(source.cache) as work:
         home, listed, output = work / "home", work / "names", work / "made"
         home.mkdir()
@@ -283,20 +306,25 @@ def _compiled(source: Source, names: list[str]) -> Code:
     return {name: code.get(name, ("", b"")) for name in names}
 
 
+def _decoded(content: bytes) -> dict[str, tuple[str, bytes]]:
+    with raise_unreadable():
+        start = content.index(b"\n") + 1
+        code = {}
+        for name, file, size in json.loads(content[:start]):
+            code[str(name)] = (str(file), content[start : start + size])
+            start += size
+        return code
+
+
 # --- what a run has --------------------------------------------------------------------------------------------
 
 
-def _unpacked(code: Code, prefix: Path, source: Source, shown: Path) -> None:
-    parents: set[str] = set()
-    for name, (file, content) in code.items():
-        if not content:
-            continue
-        parent = f"{prefix}{_place(name, source, shown).rpartition('/')[0]}"
-        if parent not in parents:
-            Path(parent).mkdir(parents=True, exist_ok=True)
-            parents.add(parent)
-        with open(f"{parent}/{file}", "wb", buffering=0) as target:  # noqa: PTH123 - thousands of files
-            target.write(content)
+def _copy(tree: Tree, prefix: Path, source: Source, shown: Path) -> None:
+    for name, file in tree.files.items():
+        if file.path:
+            target = Path(f"{prefix}{_place(name, source, shown)}").with_name(Path(file.path).name)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(tree.folder / file.path, target)
 
 
 def _place(name: str, source: Source, shown: Path) -> str:
@@ -309,18 +337,17 @@ def _place(name: str, source: Source, shown: Path) -> str:
     return f"{next(holders, source.folders[-1])}/{name}"
 
 
-def _needed(prefix: Path, source: Source, shown: Path) -> Iterator[str]:
-    """Yield the names of the sources that a run compiled; what it left there is not looked into."""
-    for path in _pyc_files(str(prefix)):
-        original = path[len(str(prefix)) :].removesuffix(".pyc").rpartition(".")[0] + ".py"
-        holders = (folder for folder in (shown, *source.folders) if original.startswith(f"{folder}/"))
-        holder = next(holders, None)
-        yield original if holder is None else original[len(f"{holder}/") :]
+def _source_of(path: str, source: Source, shown: Path) -> str:
+    """Return the name of the source of byte code, whose path below the prefix is given; nothing is looked at."""
+    original = "/" + path.lstrip("/").removesuffix(".pyc").rpartition(".")[0] + ".py"
+    holders = (folder for folder in (shown, *source.folders) if original.startswith(f"{folder}/"))
+    holder = next(holders, None)
+    return original if holder is None else original[len(f"{holder}/") :]
 
 
-def _pyc_files(folder: str) -> Iterator[str]:
-    """Yield the paths of byte code below a folder in which anything may lie."""
-    waiting, seen = [folder], 0
+def _pyc_files(prefix: Path) -> Iterator[str]:
+    """Yield the paths of byte code below a folder in which anything may lie, relative to it."""
+    waiting, seen = [str(prefix)], 0
     while waiting and seen < MOST_NAMES:
         with suppress(OSError), os.scandir(waiting.pop()) as entries:
             for entry in entries:
@@ -330,15 +357,7 @@ def _pyc_files(folder: str) -> Iterator[str]:
                 if entry.is_dir(follow_symlinks=False):
                     waiting.append(entry.path)
                 elif entry.name.endswith(".pyc"):
-                    yield entry.path
-
-
-def _note(cache: Path, names: Iterable[str]) -> None:
-    """Write down what is to be compiled before the next run."""
-    new = sorted({*names} - {*_names(cache)})
-    if new:
-        every = [*_names(cache), *new][:MOST_NAMES]
-        write_atomic(cache / NAMES, json.dumps(every).encode())
+                    yield entry.path[len(str(prefix)) :]
 
 
 def _names(cache: Path) -> list[str]:
@@ -352,12 +371,3 @@ def _read_list(path: Path) -> list[str]:
     except Unreadable:
         return []
     return [text for text in content if isinstance(text, str)] if isinstance(content, list) else []
-
-
-def _swept(cache: Path) -> None:
-    """Remove the folders that killed runs left behind, once these are a day old."""
-    cache.mkdir(parents=True, exist_ok=True)
-    for folder in cache.glob("simmatrix-*"):
-        with suppress(OSError):
-            if time.time() - folder.stat().st_mtime > DAY:
-                remove_folder(folder)
