@@ -17,7 +17,8 @@ from pathlib import Path
 
 from benchmarks.planted.table import PAGE, PICTURES
 from harness.machine import store, this_machine
-from harness.physics.pixels import Drawings, Look, Part, PixelComparison, compare
+from harness.physics.pixels import Drawings, compare
+from harness.physics.relation import Look, Part, PixelComparison
 from harness.probes.vault import Vault
 from harness.reports.pictures import stored_pictures
 from harness.running import open_matrix

@@ -19,8 +19,7 @@ from harness.physics import families, pixel_sentences, pixels, sentences
 from harness.physics.comparison import compare
 from harness.physics.consequence import Play, consequence
 from harness.physics.outputs import Outputs
-from harness.physics.pixels import Look, PixelComparison
-from harness.physics.relation import Comparison
+from harness.physics.relation import Comparison, Look, PixelComparison
 from harness.probes import array_files
 from harness.probes.vault import Vault
 from harness.reports import publishing

@@ -7,6 +7,7 @@ import contextlib
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from harness.commands import arguments, select_cells
 from harness.judging.assess import assess
@@ -18,8 +19,10 @@ from harness.model.report_types import format_count
 from harness.reports.answers import misspelt
 from harness.reports.text import progress
 from harness.running import open_matrix, remedy_trials, scheduler, shards
-from harness.running.offline import offline_bundle
 from harness.running.signatures import shipped_signatures
+
+if TYPE_CHECKING:
+    from harness.running.offline.offline_bundle import Fetched
 
 HELP = (
     "Measure every combination of one or more matrices: lock, build, install, test and report. Earlier results are"
@@ -65,7 +68,7 @@ UNTIL = tuple(phase.value for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHAS
 
 def main(args: argparse.Namespace) -> int:
     """Run the matrices and publish their reports. Return the exit code, which depends on `--fail-on`."""
-    layer = offline_bundle.open_folder(args.fetched) if args.fetched else None
+    layer = _open_fetched(args.fetched) if args.fetched else None
     settings = scheduler.Settings(
         jobs=args.jobs,
         until=Phase(args.until),
@@ -108,6 +111,12 @@ def main(args: argparse.Namespace) -> int:
     return publishing.finish(plans, records, opened, publishing.Wanted.of(args))
 
 
+def _open_fetched(folder: Path) -> Fetched:
+    from harness.running.offline import offline_bundle  # noqa: PLC0415 - start-up
+
+    return offline_bundle.open_folder(folder)
+
+
 def _run_remedies(
     plans: Sequence[Plan], records: Sequence[CellRecord], opened: store.Store, settings: scheduler.Settings
 ) -> tuple[list[Plan], tuple[CellRecord, ...]]:
@@ -142,7 +151,7 @@ def _of(plan: Plan, records: Sequence[CellRecord]) -> list[CellRecord]:
 
 
 def _chosen(
-    args: argparse.Namespace, plans: Sequence[Plan], opened: store.Store, layer: offline_bundle.Fetched | None
+    args: argparse.Namespace, plans: Sequence[Plan], opened: store.Store, layer: Fetched | None
 ) -> tuple[Cell, ...]:
     """Return the cells to run, after -k, --shard and --only-failed. A shard, or the failed cells, may be none."""
     cells = select_cells.select([cell for plan in plans for cell in plan.cells], args.k)

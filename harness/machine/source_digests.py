@@ -7,6 +7,7 @@ to tell them from code would take longer than what the digest saves.
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -27,6 +28,23 @@ def digest(module: str) -> str:
     for name, path in sorted(imported_files(module).items()):
         combined.update(name.encode() + b"\0" + path.read_bytes() + b"\0" + _data(path) + b"\0")
     return combined.hexdigest()[:32]
+
+
+@cache
+def stat_files() -> tuple[tuple[str, int, int], ...]:
+    """Return the path, size and time of change (nanoseconds) of each file of our package, byte code apart."""
+    files, waiting = [], [str(PACKAGE)]
+    while waiting:
+        with os.scandir(waiting.pop()) as entries:
+            for entry in entries:
+                if entry.name == "__pycache__":
+                    continue
+                if entry.is_dir():
+                    waiting.append(entry.path)
+                else:
+                    there = entry.stat()
+                    files.append((entry.path, there.st_size, there.st_mtime_ns))
+    return tuple(sorted(files))
 
 
 def imported_files(module: str) -> dict[str, Path]:

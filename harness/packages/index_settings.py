@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import configparser
 import os
 import re
 import tomllib
@@ -146,6 +145,7 @@ def _pip_settings() -> UserIndex:
 
 def _pip_options() -> dict[str, str]:
     """Return pip's options; later places win: global, user, environment, `PIP_CONFIG_FILE`, variables."""
+    import configparser  # noqa: PLC0415 - start-up
 
     named = os.environ.get("PIP_CONFIG_FILE")
     active = os.environ.get("VIRTUAL_ENV") or os.environ.get("CONDA_PREFIX")

@@ -77,7 +77,7 @@ def format_pylock(wheels: Iterable[tuple[str, str, Artifact]]) -> str:
 
     packages: list[dict[str, Any]] = []
     for name, version, artifact in wheels:
-        place = "url" if _remote(artifact) else "path"
+        place = "url" if "://" in artifact.source else "path"
         file = {"name": artifact.filename, place: artifact.source, "hashes": {"sha256": artifact.sha256}}
         index = {"index": PLACE.format(sha256=artifact.sha256)} if _remote(artifact) else {}
         packages.append({"name": name, "version": version, **index, "wheels": [file]})
@@ -104,7 +104,8 @@ def format_uv_settings(wheels: Iterable[Artifact]) -> str:
 
 
 def _remote(artifact: Artifact) -> bool:
-    return "://" in artifact.source
+    # uv has unpacked a file of a folder when it resolved, and finds it again by the name of that folder.
+    return "://" in artifact.source and not artifact.source.startswith("file:")
 
 
 @cache

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from math import sqrt
 from typing import Any, Literal
 
 import numpy as np
 
 from harness.physics.outputs import Array
+from harness.physics.relation import Consequence, Effect
 
 POINTS = 5.0
 """Points that an interval has to lie within for two cells to be equal."""
@@ -24,15 +24,6 @@ MOST_NUMBERS = 1 << 20
 
 SAME_START = 1e-3
 """Largest difference of two first observations of one start: releases settle in a reset with other rounding."""
-
-
-class Effect(StrEnum):
-    """The effect of a change on a policy."""
-
-    WORSE = "worse"
-    BETTER = "better"
-    EQUAL = "equal within 5 points"
-    UNTOLD = "cannot tell"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,30 +50,6 @@ class Play:
             success=arrays["success"] > 0 if has_success else None,
             repeats=bool(facts.get("repeats", True)),
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Consequence:
-    """The effect of a change on a policy.
-
-    `before` and `after` are the share of episodes that succeed, or the mean return. `difference` is in points, with the
-    interval of 95 % from `low` to `high`: percentage points of success, or hundredths of what the policy gains over
-    random actions. `least` is the smallest difference whose interval leaves out 0 with a power of 80 %. `moved_starts`
-    counts episodes that start elsewhere, `identical` is whether all are the same to the bit.
-    """
-
-    effect: Effect
-    measure: Literal["success", "return"]
-    episodes: int
-    before: float
-    after: float
-    difference: float
-    low: float
-    high: float
-    least: float
-    moved_starts: int = 0
-    identical: bool = False
-    repeats: bool = True
 
 
 def consequence(before: Play, after: Play, gain: float | None) -> Consequence | None:

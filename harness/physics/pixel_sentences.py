@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from harness.physics.pixels import Look, Part, PixelComparison
+from harness.physics.relation import Look, Part, PixelComparison
 from harness.physics.sentences import percent
 
 LOOKS = {

@@ -9,15 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from string import ascii_lowercase
 
 import numpy as np
 
 from harness.physics.outputs import Array
-
-JUST_NOTICEABLE = 2.3
-"""The distance of two colours in CIELAB (CIE 1976) that is just noticed (Mahy, Van Eycken and Oosterlinck, 1994)."""
+from harness.physics.relation import JUST_NOTICEABLE, Look, Part, PixelComparison
 
 VISIBLE_SHARE = 0.001
 """The share of the fields of a picture that have to differ visibly before the picture does."""
@@ -40,31 +37,6 @@ SETTINGS = (
 where these are drawn, they are things of the scene, with colours of their own."""
 
 CAMERA, LENS = ("position", "forward", "up", "view"), ("fovy", "height", "lens")
-
-
-class Look(StrEnum):
-    """The relation of the pictures of two cells."""
-
-    IDENTICAL = "identical"
-    IMPERCEPTIBLE = "imperceptible"
-    CHANGED = "changed"
-    OTHER_SIZE = "other_size"
-    NOT_COMPARABLE = "not_comparable"
-    NONDETERMINISTIC = "nondeterministic"
-
-
-class Part(StrEnum):
-    """A part of a picture's making that can move; `DRAWING` is the drawing itself, where all others are the same."""
-
-    CAMERA = "camera"
-    LENS = "lens"
-    LIGHTS = "lights"
-    THINGS = "things"
-    COLOURS = "colours"
-    TEXTURES = "textures"
-    SETTINGS = "settings"
-    RENDERER = "renderer"
-    DRAWING = "drawing"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,28 +66,6 @@ class Drawings:
     unrepeated: frozenset[int]
     parts: Mapping[str, Mapping[str, Sequence[float]]]
     renderer: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PixelComparison:
-    """The relation of the pictures of two cells.
-
-    `share` is the largest share of a picture that looks different, `median` that of the middle one of all states,
-    `distance` the largest mean distance of colours. `moved` are the parts of the making that differ, `compared` those
-    that are known of both.
-    """
-
-    kind: Look
-    share: float = 0.0
-    median: float = 0.0
-    distance: float = 0.0
-    moved: tuple[Part, ...] = ()
-    compared: tuple[Part, ...] = ()
-
-    @property
-    def looks_same(self) -> bool:
-        """Return whether nobody sees a difference."""
-        return self.kind in {Look.IDENTICAL, Look.IMPERCEPTIBLE}
 
 
 def compare(first: Drawings, second: Drawings) -> PixelComparison:

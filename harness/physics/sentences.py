@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from harness.physics.consequence import Consequence, Effect
-from harness.physics.relation import STARTS, Class, Comparison, Difference
+from harness.physics.relation import STARTS, Class, Comparison, Consequence, Difference, Effect
 
 OUTPUTS = {
     "step": "the next state of the simulator",

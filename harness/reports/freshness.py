@@ -15,7 +15,7 @@ from harness.model import CellRecord, Plan
 from harness.model.errors import HarnessError
 from harness.model.hostile_data import Unreadable
 from harness.model.report_types import Document
-from harness.reports import document, template_files
+from harness.reports import document
 from harness.running.signatures import signature_files
 
 FILES = ("report.json", "report.md")
@@ -45,7 +45,7 @@ def mark(plan: Plan, records: Iterable[CellRecord], here: Machine, folder: Path,
     ]
     # The folder counts because the paths in a report are relative to it; the day, because expectations end on one.
     return store.digest(
-        plan, record_marks, here.id, here.facts, str(folder.absolute()), options, store.now()[:10], _stat_sources()
+        plan, record_marks, here.id, here.facts, str(folder.absolute()), options, store.now()[:10], stat_sources()
     )
 
 
@@ -72,13 +72,7 @@ def _files(folder: Path) -> tuple[tuple[int, int], ...]:
 
 
 @cache
-def _stat_sources() -> tuple[tuple[int, int], ...]:
-    """Return size and time of the code and data that make reports: another version makes another report."""
-    return tuple((file.stat().st_size, file.stat().st_mtime_ns) for file in list_sources())
-
-
-def list_sources() -> list[Path]:
-    """Return all code and data files of the harness, because any of them can affect a report."""
-    package = source_digests.PACKAGE
-    data = [*template_files.FOLDER.iterdir(), *(package / "model").glob("*.toml"), *signature_files.files()]
-    return sorted([*package.rglob("*.py"), *data])
+def stat_sources() -> tuple[tuple[str, int, int], ...]:
+    """Return path, size and time of the code and data that make reports: another version makes another report."""
+    issues = ((str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in signature_files.files())
+    return *source_digests.stat_files(), *issues

@@ -29,8 +29,7 @@ from harness.model.vocabulary import IMPORT_CHECK
 from harness.probes import launch
 from harness.probes.evidence import REPLY
 from harness.probes.vault import Vault
-from harness.reports import behaviour, document, freshness, packs, size_plot
-from harness.reports.pictures import boundaries as picture_boundaries
+from harness.reports import document, freshness, size_plot
 from harness.reports.tables import tables
 from harness.reports.tables.table_types import Report
 from harness.reports.template_files import read_template
@@ -88,11 +87,15 @@ def publish(
             report, shown = freshness.read(note, made_of, folder), None
             if report is None:
                 facts, causes = {here.id: here.facts}, shipped_signatures.load_knowledge(opened.folder)
+                # What compares behaviour and pictures takes numpy, which a report that is as before does not need.
+                from harness.reports import behaviour  # noqa: PLC0415 - start-up
+                from harness.reports.pictures import boundaries  # noqa: PLC0415 - start-up
+
                 making = partial(document.build, records, [plan], facts, store.now(), probes=used, knowledge=causes)
                 try:
                     report = making(locate=place(records, opened, folder))
                     report = behaviour.add(report, records, [plan], Vault(opened.folder))
-                    report = picture_boundaries.add(report, records, [plan], Vault(opened.folder))
+                    report = boundaries.add(report, records, [plan], Vault(opened.folder))
                     shown = write(report, folder, wanted.pivot, plan.page)
                     # A report in the state folder needs no pack, because its evidence lies in the same folder.
                     if wanted.out:
@@ -112,6 +115,8 @@ def publish(
 
 def pack(report: Document, plan: Plan, records: Iterable[CellRecord], opened: Store, folder: Path) -> None:
     """Store the evidence of a report beside it, so that it can be judged again without this state folder."""
+    from harness.reports import packs  # noqa: PLC0415 - start-up
+
     packed = packs.Packed(
         plans=(replace(plan, banks={}),), machines=report.machines, probes=dict(report.probes), records=tuple(records)
     )

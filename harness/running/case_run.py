@@ -14,7 +14,7 @@ from harness.judging.runs.case import case_record, phases
 from harness.judging.runs.fold import MEASURED_AGAIN, REPEAT, CasePlan, Folded, add_run, fold, wanted_of
 from harness.judging.runs.todo import todo
 from harness.machine import process, source_digests
-from harness.machine.store import digest
+from harness.machine.store import digest, load_or_make
 from harness.model import CASE_PHASES, Case, CaseRecord, Outcome, Phase, PhaseRecord, Step
 from harness.probes import program
 from harness.probes.measure import Laboratory
@@ -102,7 +102,9 @@ def mark(context: Context, cases: Iterable[Case], lock: str | None) -> str:
 def _judging() -> tuple[str, ...]:
     """Identify the judging code: its sources, and the declarations of adapters."""
     # The declarations lie in files of `incell/`, which no judging module imports: the digests do not cover them.
-    return *map(source_digests.digest, JUDGING), encode_declarations().decode()
+    mark = digest("judging", source_digests.stat_files())
+    code = load_or_make("judging", mark, lambda: digest(*map(source_digests.digest, JUDGING)).encode(), bytes.decode)
+    return code, encode_declarations().decode()
 
 
 def reusable(cases: Iterable[CaseRecord]) -> bool:

@@ -203,7 +203,7 @@ def test_a_source_that_cannot_be_compiled_is_asked_for_once(source: Source) -> N
             assert not list(lent.prefix.rglob("broken.*"))
 
 
-def test_what_is_kept_is_lent_to_runs_that_cover_it(source: Source) -> None:
+def test_a_run_that_covers_its_byte_code_shares_it(source: Source) -> None:
     """A run that covers its byte code has the kept folder, which later runs share; what it compiles is for the next."""
     (folder,) = source.folders
     (folder / "package/more.py").write_text("SEEN = 1\n")
@@ -237,7 +237,7 @@ def test_a_damaged_file_is_lent_to_nobody(source: Source, monkeypatch: pytest.Mo
     damaged.write_bytes(bytes(len(content)))
     if not same_boot:
         os.utime(damaged, ns=(before.st_atime_ns, before.st_mtime_ns))
-        monkeypatch.setattr(bytecode_tree, "_boot", lambda: "another")
+        monkeypatch.setattr(bytecode_tree, "boot_id", lambda: "another")
     for _ in range(2):
         with bytecode.lend_folders(source, folder, "t", covered=True) as lent:
             assert lent.prefix != tree.folder

@@ -256,17 +256,26 @@ def _of_others(source: Source) -> dict[str, Linked]:
 
 def _likely(source: Source) -> set[str]:
     """Return the sources that runs in other environments needed and that this one has, too, before its first run."""
-    ours = _standard_library(source.python.resolve())
+    ours = _libraries(source.python.resolve())
     likely = set()
     for cache, origin in islice(_others(source), OTHERS):
-        theirs = _standard_library(Path(origin[0]))
-        likely |= {ours + name[len(theirs) :] if name.startswith(theirs) else name for name in _names(cache)}
+        theirs = _libraries(Path(origin[0]))
+        likely |= {_translate(name, theirs, ours) for name in _names(cache)}
     return {name for name in likely if _size(source, name)}
 
 
-def _standard_library(python: Path) -> str:
-    """Return the folder of the standard library, as the names of its sources begin."""
-    return f"{python.parents[1]}/lib/{python.name.removesuffix('d')}/"
+def _translate(name: str, theirs: Iterable[str], ours: Iterable[str]) -> str:
+    """Return the name that a source of one Python has with another one."""
+    for their, our in zip(theirs, ours, strict=True):
+        if name.startswith(their):
+            return our + name[len(their) :]
+    return name
+
+
+def _libraries(python: Path) -> tuple[str, str]:
+    """Return how the names of sources begin: those of the standard library, and those of an environment."""
+    library = f"lib/{python.name.removesuffix('d')}/"
+    return f"{python.parents[1]}/{library}", library
 
 
 def _is_shared(name: str, ours: Iterable[str], theirs: Iterable[str]) -> bool:

@@ -14,7 +14,7 @@ import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -61,37 +61,37 @@ class Linked(NamedTuple):
     file: File
 
 
-def read_tree(kept: Path) -> Tree | None:
+def read_tree(cache: Path) -> Tree | None:
     """Return the byte code that is kept in a folder: the files which are as they were written."""
     try:
-        digest, _, content = read(kept / TABLE, MOST_TABLE).partition(b"\n")
+        digest, _, content = read(cache / TABLE, MOST_TABLE).partition(b"\n")
         if hashlib.sha256(content).hexdigest().encode() != digest:
             return None
         with raise_unreadable():
             table = json.loads(content)
             files = {str(name): File(*row) for name, row in table["files"].items()}
-            folder = kept / Path(table["folder"]).name
+            folder = cache / Path(table["folder"]).name
     except Absent:
         return None
     except Unreadable:
-        remove_folder(kept / TABLE)  # a folder, in the place of which no file can be put
+        remove_folder(cache / TABLE)  # a folder, in the place of which no file can be put
         return None
     # A machine that went down may have left a file of the right size and time without its content.
-    is_intact = _is_untouched if table["boot"] == _boot() != "" else _is_same
+    is_intact = _is_untouched if table["boot"] == boot_id() != "" else _is_same
     intact = {name: file for name, file in files.items() if not file.path or is_intact(folder, file)}
     tree = Tree(folder=folder, files=intact, whole=len(intact) == len(files))
-    if tree.whole and table["boot"] != _boot():
+    if tree.whole and table["boot"] != boot_id():
         with suppress(OSError):
-            _write_table(kept, tree)
+            _write_table(cache, tree)
     return tree
 
 
-def write_tree(kept: Path, code: Mapping[str, tuple[str, bytes | Linked]], replaced: Tree | None) -> Tree:
+def write_tree(cache: Path, code: Mapping[str, tuple[str, bytes | Linked]], replaced: Tree | None) -> Tree:
     """Write a new folder of byte code: the path and content of each source's; return it. Raises OSError."""
     if replaced is not None:
         with suppress(OSError):
             os.utime(replaced.folder)  # its day begins now
-    folder = Path(tempfile.mkdtemp(prefix=FOLDER, dir=kept))
+    folder = Path(tempfile.mkdtemp(prefix=FOLDER, dir=cache))
     folder.chmod(0o755)
     files = {}
     for name, (path, content) in code.items():
@@ -105,14 +105,14 @@ def write_tree(kept: Path, code: Mapping[str, tuple[str, bytes | Linked]], repla
         else:
             files[name] = _written(content, path, target)
     tree = Tree(folder=folder, files=files)
-    _write_table(kept, tree)
+    _write_table(cache, tree)
     return tree
 
 
-def sweep(kept: Path, tree: Tree | None) -> None:
+def sweep(cache: Path, tree: Tree | None) -> None:
     """Remove all folders but this one, those that others replaced or killed runs left, once they are a day old."""
     with suppress(OSError):
-        with os.scandir(kept) as entries:
+        with os.scandir(cache) as entries:
             folders = [entry.path for entry in entries if entry.name.startswith((FOLDER, "simmatrix-"))]
         for folder in folders:
             is_old = time.time() - os.stat(folder).st_mtime > DAY  # noqa: PTH116 - before each run
@@ -135,10 +135,10 @@ def _written(content: bytes, path: str, target: Path) -> File:
     return File(path, len(content), there.st_mtime_ns, hashlib.sha256(content).hexdigest(), content[8:16].hex())
 
 
-def _write_table(kept: Path, tree: Tree) -> None:
-    table = {"boot": _boot(), "folder": tree.folder.name, "files": tree.files}
+def _write_table(cache: Path, tree: Tree) -> None:
+    table = {"boot": boot_id(), "folder": tree.folder.name, "files": tree.files}
     content = json.dumps(table).encode("ascii")
-    write_atomic(kept / TABLE, hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
+    write_atomic(cache / TABLE, hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
 
 
 def _is_untouched(folder: Path, file: File) -> bool:
@@ -157,8 +157,8 @@ def _is_same(folder: Path, file: File) -> bool:
     return _is_untouched(folder, file) and hashlib.sha256(content).hexdigest() == file.digest
 
 
-@cache
-def _boot() -> str:
+@lru_cache
+def boot_id() -> str:
     """Return the name of this start of the machine, empty where the kernel tells none."""
     try:
         return BOOT.read_text()

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from email.parser import HeaderParser
-from functools import cached_property
-from importlib.metadata import Distribution, PackageMetadata
 from pathlib import Path, PurePath
+from typing import TYPE_CHECKING
 
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import InvalidVersion, Version
 
-from harness.machine.files import guarded_files
-from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
+from harness.model.hostile_data import Unreadable, raise_unreadable
 
-MOST_METADATA = 64 << 20
-"""Bytes of a file of metadata: the longest RECORD is some megabytes."""
+if TYPE_CHECKING:
+    from harness.packages.environments.installed_package import Installed
 
 KINDS = (".dist-info", ".egg-info")
 LEADS_ON = "_simmatrix_below.pth"
@@ -78,49 +75,10 @@ def _asking(needs: Iterable[tuple[str, Requirement]], name: str) -> tuple[str, .
     return tuple(sorted({asker for asker, need in needs if canonicalize_name(need.name) == name}))
 
 
-class Installed(Distribution):
-    """An installed package. Its metadata are read as untrusted data: anything may have happened to the file."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-
-    def read_text(self, filename: str) -> str | None:
-        """Return a file of its metadata; bytes that are no UTF-8 are replaced. Raises Unreadable."""
-        try:
-            return guarded_files.read(self.folder / filename, MOST_METADATA).decode("utf-8", "replace")
-        except Absent:
-            return None
-
-    def locate_file(self, path: object) -> Path:
-        """Return where one of its files lies."""
-        return self.folder.parent / str(path)
-
-    @cached_property
-    def metadata(self) -> PackageMetadata:
-        """Return the fields of its metadata, read once; the long description below them is left out."""
-        texts = (self.read_text(name) for name in ("METADATA", "PKG-INFO", ""))
-        return HeaderParser().parsestr(next(filter(None, texts), ""))  # type: ignore[return-value]
-
-    @property
-    def name(self) -> str:
-        """Return its name. Raises Unreadable."""
-        return self._read_field("Name")
-
-    @property
-    def version(self) -> str:
-        """Return its version. Raises Unreadable."""
-        return self._read_field("Version")
-
-    def _read_field(self, key: str) -> str:
-        with raise_unreadable():
-            if key in self.metadata and (value := str(self.metadata[key]).strip()):
-                return value
-        message = f"{self.folder.name} says no {key}"
-        raise Unreadable(message)
-
-
 def installed_packages(path: Path) -> Iterator[Installed]:
     """Yield all installed packages, in the order of their folders' names."""
+    from harness.packages.environments.installed_package import Installed  # noqa: PLC0415 - start-up
+
     for folder in folders(path):
         yield from (Installed(found) for found in sorted(folder.iterdir()) if found.name.endswith(KINDS))
 

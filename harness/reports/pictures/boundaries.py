@@ -15,7 +15,8 @@ from harness.model import CellRecord, Plan
 from harness.model.report_types import Document, PictureBoundaryEntry, PictureDifferenceEntry, PicturesEntry
 from harness.model.vocabulary import DRAW
 from harness.physics import families, pixels
-from harness.physics.pixels import Drawings, Look, PixelComparison
+from harness.physics.pixels import Drawings
+from harness.physics.relation import Look, PixelComparison
 from harness.probes.vault import Vault
 from harness.reports.pictures import stored_pictures
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from harness.model.report_types import PictureBoundaryEntry, PictureDifferenceEntry, PicturesEntry, first_few
 from harness.physics.pixel_sentences import describe_making
-from harness.physics.pixels import JUST_NOTICEABLE, Look
+from harness.physics.relation import JUST_NOTICEABLE, Look
 from harness.physics.sentences import percent
 from harness.reports.text.markdown_texts import table_cell
 

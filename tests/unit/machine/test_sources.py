@@ -86,7 +86,7 @@ def test_a_change_two_imports_away_changes_the_digest(tmp_path: Path, monkeypatc
 
 def test_a_report_depends_on_all_that_it_is_made_with() -> None:
     """A change of a module that renders, judges or matches, or of a template, makes a report anew."""
-    files = set(freshness.list_sources())
+    files = {Path(path) for path, _, _ in freshness.stat_sources()}
 
     assert set(source_digests.imported_files("harness.reports.publishing").values()) <= files
     assert PACKAGE / "standalone" / "failures" / "matching.py" in files

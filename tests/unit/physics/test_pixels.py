@@ -12,7 +12,8 @@ import pytest
 from harness.physics import pixels
 from harness.physics.outputs import Array
 from harness.physics.pixel_sentences import describe
-from harness.physics.pixels import Drawing, Drawings, Look, Part, PixelComparison, compare
+from harness.physics.pixels import Drawing, Drawings, compare
+from harness.physics.relation import Look, Part, PixelComparison
 
 EYE = {"position": [0.0, -3.0, 1.0], "forward": [0.0, 1.0, 0.0], "up": [0.0, 0.0, 1.0], "fovy": [45.0]}
 SCENE = {
