@@ -91,7 +91,7 @@ def kind(argv: Sequence[str]) -> str:
         return ROWS[0] if " compile " in text else ROWS[1]
     if "bootstrap" in text:
         return ROWS[4]
-    return ROWS[2] if "py_compile" in text else ROWS[3]
+    return ROWS[2] if "marshal.dumps" in text else ROWS[3]
 
 
 # --- outside ---------------------------------------------------------------------------------------------------

@@ -43,9 +43,12 @@ LIMITS = process.Limits(seconds=300.0, memory_mb=2000)
 
 # Of absolute names only the standard library and our own files are compiled: a run could name any of this machine.
 COMPILE = """
-import importlib.util, json, os, py_compile, sys
+import importlib.util, json, marshal, os, sys
 
 listed, made, own, folders = sys.argv[1], sys.argv[2], sys.argv[3], sys.argv[4:]
+head = importlib.util.MAGIC_NUMBER + bytes(4)
+def number(value):
+    return (int(value) & 0xFFFFFFFF).to_bytes(4, "little")
 standard = os.path.dirname(os.path.realpath(os.__file__)) + os.sep
 with open(listed, encoding="utf-8") as file:
     names = json.load(file)
@@ -57,9 +60,10 @@ for name in names:
         source = ""
     code = b""
     try:
-        py_compile.compile(source, cfile=made, doraise=True)
-        with open(made, "rb") as file:
-            code = file.read()
+        with open(source, "rb") as file:
+            there, text = os.fstat(file.fileno()), file.read()
+        compiled = compile(text, source, "exec", dont_inherit=True)
+        code = head + number(there.st_mtime) + number(there.st_size) + marshal.dumps(compiled)
     except BaseException:
         pass
     table.append([name, os.path.basename(importlib.util.cache_from_source(source or "x.py")), len(code)])
@@ -172,7 +176,7 @@ def _grown(source: Source) -> Tree | None:
     current = {name for name, file in files.items() if _is_current(name, file)}
     if tree and tree.whole and len(current) == len(files) and not _is_worth(source, {*needed} - current):
         return tree
-    links = {name: Linked(tree.folder / files[name].path, files[name]) for name in current} if tree else {}
+    links = {name: Linked(f"{tree.folder}/{files[name].path}", files[name]) for name in current} if tree else {}
     links = links or _of_others(source)
     code: dict[str, tuple[str, bytes | Linked]] = {}
     for name, linked in links.items():
@@ -250,7 +254,7 @@ def _of_others(source: Source) -> dict[str, Linked]:
         for name, file in tree.files.items() if tree else ():
             shared = name.startswith("/") or _is_shared(name, folders, origin[1:])
             if tree and name not in code and shared and _is_current(name, file):
-                code[name] = Linked(tree.folder / file.path, file)
+                code[name] = Linked(f"{tree.folder}/{file.path}", file)
     return code
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from email.parser import HeaderParser
 from functools import cached_property
 from importlib.metadata import Distribution, PackageMetadata
@@ -10,6 +11,7 @@ from pathlib import Path
 from harness.machine.files import guarded_files
 from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 
+BLANK = re.compile(r"\r?\n\r?\n")
 MOST_METADATA = 64 << 20
 """Bytes of a file of metadata: the longest RECORD is some megabytes."""
 
@@ -35,7 +37,10 @@ class Installed(Distribution):
     def metadata(self) -> PackageMetadata:
         """Return the fields of its metadata, read once; the long description below them is left out."""
         texts = (self.read_text(name) for name in ("METADATA", "PKG-INFO", ""))
-        return HeaderParser().parsestr(next(filter(None, texts), ""))  # type: ignore[return-value]
+        text = next(filter(None, texts), "")
+        # The fields end at the first empty line; what follows can be a book of licences.
+        end = BLANK.search(text)
+        return HeaderParser().parsestr(text[: end.start()] if end else text)  # type: ignore[return-value]
 
     @property
     def name(self) -> str:
