@@ -149,6 +149,13 @@ def _fork(descriptors: list[int]) -> tuple[_Server, int]:
         return server, server.fork(descriptors)
 
 
+def prepare() -> None:
+    """Start the server, so that the first guard need not wait for it."""
+    with _gate:
+        if not _servers:
+            _servers.append(_Server())
+
+
 @atexit.register
 def close() -> None:
     """End the server in use."""

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from typing import Any
 
-from harness.machine import process, this_machine
+from harness.machine import fork_server, process, this_machine
 from harness.machine.files.file_locks import Claim, claim
 from harness.machine.store import Store, digest
 from harness.model import Cell, CellRecord, ControlRecord, Phase
@@ -44,8 +44,17 @@ LOOK_SECONDS = 0.25
 SIGNAL_SECONDS = 1.0  # a signal that another thread took is obeyed when this one runs again
 
 
-def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Observer) -> tuple[CellRecord, ...]:
-    """Bring every cell as far as `settings.until`; the records come in the order of the cells."""
+def run(
+    cells: Sequence[Cell],
+    store: Store,
+    settings: Settings,
+    observer: Observer,
+    meanwhile: Callable[[], object] = lambda: None,
+) -> tuple[CellRecord, ...]:
+    """Bring every cell as far as `settings.until`; the records come in the order of the cells.
+
+    `meanwhile` is called once while the first probes run, if there are any.
+    """
     here = this_machine.facts()
     store.save_machine(here.id, here.facts)
     flow = Flow(Runner(store, settings, observer))
@@ -54,7 +63,8 @@ def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Obser
         _tell_of_old_results(store, observer)
         controls.cells()  # a mistake in what they are is said now, not in the middle
         sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
-        flow.run(left, Past(store, here.id, left))
+        fork_server.prepare()
+        flow.run(left, Past(store, here.id, left), meanwhile)
     return tuple(flow.records[cell.id] for cell in cells)
 
 
@@ -110,16 +120,20 @@ class Flow:
             self._keep(record)
         return record is not None
 
-    def run(self, cells: Sequence[Cell], past: Past) -> None:
-        """Bring these cells to their records."""
+    def run(self, cells: Sequence[Cell], past: Past, meanwhile: Callable[[], object]) -> None:
+        """Bring these cells to their records; call `meanwhile` once probes run."""
         self.past = past
         self.order = order(cells, past.seconds)
         self.groups.extend(self._grouped(cells))
         # Controls have a thread of their own: `Runner.measure` waits for claims, and would hold up a slot.
         with threads(self.at_once, self.room.slots, 1) as (self.first, self.second, self.third):
+            is_first = True
             while self.groups or self.preparing or self.ready or self.probing or self.elsewhere or self.controlling:
                 self._prepare()
                 self._probe()
+                if is_first and self.probing:
+                    is_first = False
+                    meanwhile()
                 self._wait()
 
     def _grouped(self, cells: Sequence[Cell]) -> list[list[Cell]]:
