@@ -200,7 +200,7 @@ def ours(bench: Bench, work: Path, style: str, state: str) -> int:
     """Run simmatrix, two cells at a time as it does by itself."""
     if style == USUAL:
         more = ("--matrix-fresh",) if state == WARM else ()
-        suite = ("--pyargs", "harness.smoke", "--matrix", "probes.toml", "-q", "-n", str(CORES))
+        suite = ("--pyargs", "harness.smoke", "--matrix", "probes.toml", "-q", "--matrix-jobs", str(CORES))
         return count_passed_tests(bench.call(work, (sys.executable, "-m", "pytest", *suite, *more)))
     more = ("--fresh",) if state == WARM else ()
     return count_passed_tests(bench.call(work, (sys.executable, "-m", "harness", "run", "probes.toml", *more)))
@@ -359,7 +359,8 @@ def render(measured: Sequence[Side], styles: Sequence[str], runs: int, tools: Ma
         "has no such mode. Where nothing changed the other tools run their checks again, which is all they can do. In "
         "brackets: seconds that all processes together had a core. As plain scripts, every side runs the in-cell files "
         "of our probes in two processes for each cell, the checks and one episode again; ours under its supervisor. "
-        "With pytest inside, the others have a test for each check, which reads the reply of the same two processes. "
+        "With pytest inside, the others have a test for each check, which reads the reply of the same two processes; "
+        f"ours is the suite of our plugin, with `--matrix-jobs {CORES}`. "
         "Checks are counted in the replies that those files write, in both styles.",
     ]
     for style in styles:

@@ -136,7 +136,8 @@ class Face:
     @pytest.hookimpl(trylast=True)
     def pytest_collection_finish(self, session: pytest.Session) -> None:
         """Determine the wanted phases of each case before the first item runs."""
-        self.measuring = Measuring(self.frozen, tree.selection(session.items), worker=self.worker)
+        jobs = 1 if self.worker else self.config.getoption("matrix_jobs")
+        self.measuring = Measuring(self.frozen, tree.selection(session.items), worker=self.worker, jobs=jobs)
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(
@@ -172,6 +173,8 @@ class Face:
         """Store and report the records of cells that were measured in full, and split the JUnit file by cell."""
         # pytest writes the JUnit file in this same hook, so there is nothing to split before the others have run.
         yield
+        if hasattr(self, "measuring"):
+            self.measuring.close()
         if self.worker or session.config.getoption("collectonly"):
             return
         if self.records:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Set
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
+from threading import Lock, get_ident
 
 from harness.judging.runs.check import phase_of
-from harness.machine import interpreters
+from harness.machine import interpreters, process
 from harness.machine.store import Store, question_key
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, ControlRecord, Phase
 from harness.probes import launch
-from harness.running.scheduler import ControlledRunner, QuietObserver, Runner, other_drawing
+from harness.running.scheduler import ControlledRunner, QuietObserver, Runner, order, other_drawing
 from harness.smoke import judging
 from harness.smoke.frozen import SessionPlan
 
@@ -42,6 +45,10 @@ class Selection:
         phases = self.phases(cell, case.id)
         return phases.union(*(judging.needs(phase) for phase in phases))
 
+    def has_items(self, cell: Cell) -> bool:
+        """Return whether anything of a cell is asked for."""
+        return cell.id in self.whole or any(name == cell.id for name, _ in self.shown)
+
     def resolved_only(self, cell: Cell) -> bool:
         """Return whether only the lock of the cell is wanted."""
         cases = any(self.phases(cell, case.id) for case in cell.cases)
@@ -49,16 +56,24 @@ class Selection:
 
 
 class Measuring:
-    """The measurements of one process. Each part of a cell is measured once, then reused."""
+    """The measurements of one process. Each part of a cell is measured once, then reused.
 
-    def __init__(self, frozen: SessionPlan, selection: Selection, *, worker: bool) -> None:
+    With more than one job, threads measure the cells of all items ahead of these, from the first item on.
+    """
+
+    def __init__(self, frozen: SessionPlan, selection: Selection, *, worker: bool, jobs: int = 1) -> None:
         self.store: Store = frozen.store
         self.selection = selection
         self.credit = 0.0  # seconds measured of phases that have an item of their own
         self._frozen = frozen
         self._runner = Runner(self.store, frozen.settings(), QuietObserver())
         self._takes_locks = worker and frozen.fresh
-        self._records: dict[tuple[str, str], CellRecord] = {}
+        self._parts: dict[tuple[str, str], Future[CellRecord]] = {}
+        self._credited: set[tuple[str, str]] = set()
+        self._gate = Lock()
+        self._items_thread = get_ident()
+        self._threads = ThreadPoolExecutor(jobs, thread_name_prefix="cells") if jobs > 1 else None
+        self._ahead: list[Future[None]] = []
         self._controls: dict[str, ControlRecord] = {}
 
     def steps(self, cell: Cell) -> CellRecord:
@@ -107,11 +122,48 @@ class Measuring:
         return replace(case, checks=tuple(check for check in case.checks if phase_of(check) in wanted))
 
     def _measure(self, cell: Cell, name: str, part: Cell, until: Phase) -> CellRecord:
-        if (cell.id, name) not in self._records:
-            record = self._controlled(cell, until).measure(part)
-            self._records[cell.id, name] = record
+        if self._threads and not self._ahead:
+            self._start(self._threads)
+        key = cell.id, name
+        with self._gate:
+            is_new = key not in self._parts
+            future = self._parts.setdefault(key, Future())
+        if is_new:
+            try:
+                future.set_result(self._controlled(cell, until).measure(part))
+            except BaseException as error:
+                # Not kept: the next item that needs it tries again.
+                del self._parts[key]
+                future.set_exception(error)
+        record = future.result()
+        if get_ident() == self._items_thread and key not in self._credited:
+            self._credited.add(key)
             self.credit += self._shown_seconds(cell, name, record)
-        return self._records[cell.id, name]
+        return record
+
+    def _start(self, threads: ThreadPoolExecutor) -> None:
+        """Let threads measure all cells that have items; those of other Pythons in turn, as `run` does."""
+        cells = [cell for cell in self._frozen.cells if self.selection.has_items(cell)]
+        places = order(cells, lambda _: 0.0)
+        for cell in sorted(cells, key=lambda cell: places[cell.id]):
+            self._ahead.append(threads.submit(self._measure_ahead, cell))
+
+    def _measure_ahead(self, cell: Cell) -> None:
+        """Measure all parts of a cell that items will ask for. What fails here fails again for its item."""
+        with suppress(Exception):
+            self.steps(cell)
+            for case in cell.cases:
+                if cell.id in self.selection.whole or self.selection.phases(cell, case.id):
+                    self.case(cell, case)
+
+    def close(self) -> None:
+        """Measure no more: end what is still measured ahead, where pytest stops before all items have run."""
+        if self._threads is None:
+            return
+        self._threads.shutdown(wait=False, cancel_futures=True)
+        if not all(future.done() for future in self._ahead):
+            process.stop()
+        self._threads.shutdown()
 
     def _shown_seconds(self, cell: Cell, name: str, record: CellRecord) -> float:
         """Return the seconds of those phases in a record that have an item of their own."""

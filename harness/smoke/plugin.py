@@ -5,6 +5,7 @@ Nothing of the harness is imported before `--matrix` is given.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Generator
 from typing import Any
 
@@ -26,6 +27,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="A matrix file, or the name of a built-in matrix; may be repeated. Its combinations are the tests of\n"
         f"`--pyargs {SUITE}`, and the values of the fixtures `cell` and `env`.",
     )
+    group.addoption(
+        "--matrix-jobs",
+        type=_count,
+        default=1,
+        metavar="N",
+        help="Measure N combinations at a time, ahead of their tests (default: 1); of no use with -n",
+    )
     group.addoption("--matrix-fresh", action="store_true", help="Ignore earlier results; locks are kept")
     group.addoption("--matrix-offline", action="store_true", help="Use the caches only, never the network")
     group.addoption(
@@ -36,6 +44,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     group.addoption(
         "--matrix-out", metavar="DIR", help="Write the reports to this folder (default: .harness/reports/MATRIX)"
     )
+
+
+def _count(text: str) -> int:
+    """Return a number of at least 1. Raises ArgumentTypeError for any other text."""
+    if not text.isdecimal() or not int(text):
+        message = f"{text!r} is not a number of at least 1"
+        raise argparse.ArgumentTypeError(message)
+    return int(text)
 
 
 @pytest.hookimpl(wrapper=True)

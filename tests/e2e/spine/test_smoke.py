@@ -185,6 +185,32 @@ def test_fresh_measures_each_case_once(desk_with_results: Desk) -> None:
     assert runs(desk_with_results) - before == 2  # one process for all checks, and one for its loop to be compared with
 
 
+def test_cells_can_be_measured_ahead_of_their_items(desk_with_results: Desk) -> None:
+    """With `--matrix-jobs` items end as without it, each case is measured once, and nothing that has no item is."""
+    desk = desk_with_results
+    counts, sessions = [runs(desk)], []
+    for jobs in ("1", "2"):
+        sessions.append(smoke(desk, "--matrix-fresh", "--matrix-jobs", jobs))
+        counts.append(runs(desk))
+    alone, ahead = sessions
+    assert (ahead.code, ended(ahead, "FAILED")) == (alone.code, ended(alone, "FAILED"))
+    assert counts[2] - counts[1] == counts[1] - counts[0]
+    chosen = smoke(desk, "--matrix-fresh", "--matrix-jobs", "2", "-k", "good and not verdict")
+    # One process for all checks, and one for its loop to be compared with.
+    assert (chosen.code, runs(desk) - counts[2]) == (0, 2)
+
+
+def test_the_first_failure_ends_what_is_measured_ahead(desk: Desk) -> None:
+    """With `-x` pytest ends at once, and no process is left behind."""
+    text = SMALL.read_text().replace("fake_blank_frame:BlankFrame-v0", "fake_hang:Hang-v0")
+    red = text.replace("fake_healthy:Healthy-v0", "fake_blank_frame:BlankFrame-v0")
+    desk.matrix("small", 'environment = { FAKE_MARK = "@MARK@" }\n' + red)
+    ran = smoke(desk, "--matrix-jobs", "2", "-x", "-v")
+    assert (ran.code, ended(ran, "FAILED")) == (1, [f"{GOOD}::{FRAME}::render - {WHY}"])
+    assert "hang" not in ran.out
+    assert not processes_of(desk.mark)
+
+
 def runs(desk: Desk) -> int:
     """Count the probe runs that are kept."""
     return sum(len(claim.read_text().splitlines()) for claim in desk.state.glob("vault/ac/*/*"))
@@ -329,16 +355,23 @@ def test_bad_input_is_a_usage_error(arguments: tuple[str, ...], desk_with_result
     assert (ran.code, ran.err.strip()) == (4, BAD[arguments].strip())
 
 
+def test_a_number_of_jobs_is_at_least_one(desk_with_results: Desk) -> None:
+    """Any other text is pytest's code 4, with a sentence."""
+    ran = smoke(desk_with_results, "--matrix-jobs", "0")
+    assert (ran.code, "argument --matrix-jobs: '0' is not a number of at least 1" in ran.err) == (4, True)
+
+
 def test_an_empty_selection_is_pytests_own(desk_with_results: Desk) -> None:
     """An empty selection is pytest's code 5."""
     assert smoke(desk_with_results, "-k", "nothing").code == 5
 
 
-def test_an_interrupt_leaves_nothing_behind(desk: Desk) -> None:
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_an_interrupt_leaves_nothing_behind(desk: Desk, jobs: str) -> None:
     """Ctrl-C ends with pytest's code 2, and no process is left behind."""
     text = SMALL.read_text().replace("fake_healthy:Healthy-v0", "fake_hang:Hang-v0")
     desk.matrix("small", 'environment = { FAKE_MARK = "@MARK@" }\n' + text)
-    asked = ("--pyargs", "harness.smoke", "--matrix", "small.toml", "-k", "good")
+    asked = ("--pyargs", "harness.smoke", "--matrix", "small.toml", "-k", "good", "--matrix-jobs", jobs)
     with desk.started(*asked, module="pytest") as process:
         until = monotonic() + 60
         while not processes_of(desk.mark) and monotonic() < until:
