@@ -22,11 +22,13 @@ from harness.standalone.output import print_json
 
 HELP = (
     "Print or write the tables of stored results: of a report.json, of a folder that holds one, or of a matrix that was"
-    " measured here or comes with simmatrix. Nothing is measured."
+    " measured here or comes with simmatrix. Of more than eight a terminal shows the counts alone. Nothing is measured."
 )
 
 FORMATS = ("terminal", "md", "json", "table", "github", "github-summary")
 NAME = "report.json"
+MOST_IN_FULL = 8
+"""Reports that a terminal shows in full; of more it shows the counts."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -186,6 +188,9 @@ def render_block(source: Path, pivot: tuple[str, str] | None) -> str:
 def _print(form: str, whole: Document, report: Report, sources: Sequence[Path] | None) -> None:
     """Print one form; in JSON on stdout paths start from the working folder."""
     match form:
+        case "terminal" if sources and len(sources) > MOST_IN_FULL:
+            terminal.show_overview(report)
+            print(f"\n{len(sources)} reports; one in full: simmatrix report MATRIX")
         case "terminal":
             terminal.show(report)
         case "md":

@@ -113,8 +113,9 @@ def main(args: argparse.Namespace) -> int:
 
 def _load_publishing() -> None:
     """Import what the report is made with: the first probes run meanwhile, and it is not needed before the last."""
-    from harness.reports import behaviour, publishing  # noqa: F401, PLC0415
-    from harness.reports.pictures import boundaries  # noqa: F401, PLC0415
+    from harness.reports import publishing  # noqa: PLC0415
+
+    publishing.load()
 
 
 def _open_fetched(folder: Path) -> Fetched:

@@ -20,8 +20,8 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, Self, get_type_hints, overload
 
+from harness.machine import fork_server
 from harness.machine.files.scratch_folders import scratch_folder
-from harness.machine.fork_server import Guard
 from harness.machine.supervisor import SIZE, tree
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable, raise_unreadable
@@ -151,7 +151,7 @@ class Running:
         self.command, self.sandbox = command, sandbox
         command.log.parent.mkdir(parents=True, exist_ok=True)
         with command.log.open("wb") as log:
-            self._guard = Guard(log)
+            self._guard = fork_server.Guard(log)
         self._overdue = monotonic() + command.limits.seconds + STUCK_SECONDS
         self._woken = monotonic()
         self._report = b""
@@ -247,6 +247,11 @@ class Running:
 _live: set[Running] = set()
 _gate = threading.Lock()
 _stopped = threading.Event()
+
+
+def get_ready() -> None:
+    """Start what forks the supervisor of each command, so that the first one need not wait for it."""
+    fork_server.prepare()
 
 
 def start(command: Command) -> Running:

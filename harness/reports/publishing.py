@@ -69,6 +69,12 @@ class PublishedReport(NamedTuple):
     trouble: str | None = None
 
 
+def load() -> None:
+    """Import what compares behaviour and pictures: it takes numpy, which a report that is as before does not need."""
+    from harness.reports import behaviour  # noqa: F401, PLC0415 - start-up
+    from harness.reports.pictures import boundaries  # noqa: F401, PLC0415 - start-up
+
+
 def publish(
     plans: Sequence[Plan], measured: Mapping[str, CellRecord], opened: Store, wanted: Wanted
 ) -> list[PublishedReport]:
@@ -87,7 +93,6 @@ def publish(
             report, shown = freshness.read(note, made_of, folder), None
             if report is None:
                 facts, causes = {here.id: here.facts}, shipped_signatures.load_knowledge(opened.folder)
-                # What compares behaviour and pictures takes numpy, which a report that is as before does not need.
                 from harness.reports import behaviour  # noqa: PLC0415 - start-up
                 from harness.reports.pictures import boundaries  # noqa: PLC0415 - start-up
 

@@ -92,16 +92,23 @@ def write_tree(cache: Path, code: Mapping[str, tuple[str, bytes | Linked]], repl
         with suppress(OSError):
             os.utime(replaced.folder)  # its day begins now
     folder = Path(tempfile.mkdtemp(prefix=FOLDER, dir=cache))
-    folder.chmod(0o755)
+    try:
+        folder.chmod(0o755)
+        tree = Tree(folder=folder, files=_fill(folder, code))
+        _write_table(cache, tree)
+    except BaseException:
+        remove_folder(folder)
+        raise
+    return tree
+
+
+def _fill(folder: Path, code: Mapping[str, tuple[str, bytes | Linked]]) -> dict[str, File]:
     files, parents = {}, set()
     for name, (path, content) in code.items():
         if not (content.file.path if isinstance(content, Linked) else content):
             files[name] = File("")
             continue
-        target, parent = (
-            f"{folder}/{path}",
-            path.rpartition("/")[0],
-        )  # `Path` would take half of the time
+        target, parent = f"{folder}/{path}", path.rpartition("/")[0]  # `Path` would take half of the time
         if parent not in parents:
             os.makedirs(f"{folder}/{parent}", exist_ok=True)  # noqa: PTH103
             parents.add(parent)
@@ -109,9 +116,7 @@ def write_tree(cache: Path, code: Mapping[str, tuple[str, bytes | Linked]], repl
             files[name] = _link(content, path, target)
         else:
             files[name] = _written(content, path, target)
-    tree = Tree(folder=folder, files=files)
-    _write_table(cache, tree)
-    return tree
+    return files
 
 
 def sweep(cache: Path, tree: Tree | None) -> None:

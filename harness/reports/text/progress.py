@@ -59,7 +59,9 @@ class Progress:
         self.known_count = self.worked_count = 0
         self._earlier, self._seconds = earlier, dict[str, float]()
         self._running: dict[str, str] = {}
-        self._worked: list[str] = []
+        # Sums, since each line of a run of thousands of cells says how long the rest takes.
+        self._seconds_of_all = self._seconds_of_worked = 0.0
+        self._timed_count = 0
         self._reused: set[str] = set()
         self._began = self._last = monotonic()
         self._lock = threading.Lock()
@@ -95,6 +97,7 @@ class Progress:
                 if first:
                     earlier = self._earlier()
                     self._seconds = {name: earlier[name] for name in earlier.keys() - self._reused}
+                    self._seconds_of_all = sum(self._seconds.values())
             if first and self.known_count:
                 self.say(f"{self.known_count} of {format_count(self.total, 'cell')} measured before")
 
@@ -111,10 +114,11 @@ class Progress:
                 if record.reused and not begun:
                     self.known_count += 1
                     self._reused.add(record.cell.id)
-                    self._seconds.pop(record.cell.id, None)
+                    self._seconds_of_all -= self._seconds.pop(record.cell.id, 0.0)
                     return
                 self.worked_count += 1
-                self._worked.append(record.cell.id)
+                self._timed_count += record.cell.id in self._seconds
+                self._seconds_of_worked += self._seconds.get(record.cell.id, 0.0)
                 self._last = monotonic()
                 done = self.known_count + self.worked_count
                 line = f"[{done}/{self.total}] {record.cell.id}: {self.describe(record)}"
@@ -140,16 +144,16 @@ class Progress:
 
     def _to_go(self, unfinished: int) -> float | None:
         """Return the seconds to go, or None if neither this run nor an earlier one measured a cell."""
-        if not (self._worked or self._seconds):
+        if not (self.worked_count or self._seconds):
             return None
         # A cell that nobody measured before counts as the mean of the others.
-        mean = sum(self._seconds.values()) / len(self._seconds) if self._seconds else 1.0
-        done = sum(self._seconds.get(name, mean) for name in self._worked)
-        before = [self._seconds[name] for name in self._seconds.keys() - set(self._worked)]
-        work = sum(before) + max(unfinished - len(before), 0) * mean
+        mean = self._seconds_of_all / len(self._seconds) if self._seconds else 1.0
+        done = self._seconds_of_worked + (self.worked_count - self._timed_count) * mean
+        timed = len(self._seconds) - self._timed_count
+        work = self._seconds_of_all - self._seconds_of_worked + max(unfinished - timed, 0) * mean
         spent, since = self._last - self._began, monotonic() - self._last
         # Before the first cell is done, the cells are supposed to take as long as before, `jobs` of them at a time.
-        return max(work * (spent / done if self._worked and done else 1 / self.jobs) - since, 0.0)
+        return max(work * (spent / done if self.worked_count and done else 1 / self.jobs) - since, 0.0)
 
     def _board(self) -> RenderableType:
         from rich.console import Group  # noqa: PLC0415 - start-up

@@ -54,6 +54,16 @@ def show(report: Report, console: Console | None = None) -> None:
         target.print(_styled((f"measured on {machine}" + (f": {words}" if words else ""), GREY)))
 
 
+def show_overview(report: Report, console: Console | None = None) -> None:
+    """Print how many combinations work of each matrix, and nothing else of it."""
+    target = console or _console()
+    for sheet in report.sheets:
+        target.print(_heading(sheet))
+        target.print(_padded(_styled((report_markdown.result(sheet), ""))))
+    for sentence in report.stale:
+        target.print(_styled((f"out of date: {sentence}", YELLOW)))
+
+
 def show_summary(report: Report, console: Console | None = None) -> None:
     """Print how many combinations work, and the small table, of each matrix."""
     target = console or _console()

@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from typing import Any
 
-from harness.machine import fork_server, process, this_machine
+from harness.machine import process, this_machine
 from harness.machine.files.file_locks import Claim, claim
 from harness.machine.store import Store, digest
 from harness.model import Cell, CellRecord, ControlRecord, Phase
@@ -63,7 +63,7 @@ def run(
         _tell_of_old_results(store, observer)
         controls.cells()  # a mistake in what they are is said now, not in the middle
         sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
-        fork_server.prepare()
+        process.get_ready()
         flow.run(left, Past(store, here.id, left), meanwhile)
     return tuple(flow.records[cell.id] for cell in cells)
 
@@ -120,7 +120,7 @@ class Flow:
             self._keep(record)
         return record is not None
 
-    def run(self, cells: Sequence[Cell], past: Past, meanwhile: Callable[[], object]) -> None:
+    def run(self, cells: Sequence[Cell], past: Past, meanwhile: Callable[[], object] = lambda: None) -> None:
         """Bring these cells to their records; call `meanwhile` once probes run."""
         self.past = past
         self.order = order(cells, past.seconds)

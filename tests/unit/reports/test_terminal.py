@@ -1,5 +1,6 @@
 """Test the output for people: the whole Markdown page, and the lines that fit a terminal."""
 
+import argparse
 import io
 import re
 from dataclasses import replace
@@ -11,6 +12,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from specimens import check_golden, quick_document
 
+from harness.commands import report as report_verb
 from harness.machine.console import MOST_WIDTH
 from harness.model import Verdict
 from harness.model.report_types import SYMBOLS, word
@@ -186,6 +188,24 @@ def test_committed_reports_can_be_read_at_every_width(path: Path, width: int) ->
         assert all(part in text for name in (*marks, *pivot.columns) for part in name.split("-"))
         for mark in set().union(*marks.values()):
             assert any(mark in line for line in lines)
+
+
+def test_many_reports_are_shown_by_their_counts(capsys: pytest.CaptureFixture[str]) -> None:
+    """Of more than eight reports each has its name and counts, and nothing else; of eight all is shown."""
+    arguments = argparse.ArgumentParser()
+    report_verb.add_arguments(arguments)
+    names = [str(path) for path in REPORTS[:9]]
+
+    report_verb.main(arguments.parse_args(names))
+    overview = capsys.readouterr().out
+    report_verb.main(arguments.parse_args(names[1:]))
+    full = capsys.readouterr().out
+
+    assert overview.endswith("\n\n9 reports; one in full: simmatrix report MATRIX\n")
+    assert len(overview.splitlines()) < 9 * 6 < len(full.splitlines())
+    for path in REPORTS[1:9]:
+        assert any(line.startswith(f"{path.parent.name}: ") for line in overview.splitlines())
+        assert any(line.startswith(f"{path.parent.name}: ") for line in full.splitlines())
 
 
 def test_terminal_has_the_width_that_columns_says(
