@@ -37,7 +37,7 @@ from harness.running.scheduler.runner import Prepared, Runner
 from harness.running.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
 
 PREPARING = 3
-"""Groups of cells that are resolved and installed at a time, beside the probes."""
+"""Groups of cells that are resolved and installed at a time, beside the probes; as many as probes at most, but two at least."""
 
 LOOK_SECONDS = 0.25
 """How often it is asked whether memory is free again, and whether another process is done with the same cell."""
@@ -102,7 +102,8 @@ class Flow:
         memory = settings.reading if settings.jobs == AUTO else None
         self.room = Room(settings.jobs or default_jobs(), memory)
         alone = settings.until in {Phase.RESOLVE, Phase.INSTALL}
-        self.at_once = max(PREPARING, self.room.slots) if alone else PREPARING
+        beside = min(PREPARING, max(2, self.room.slots))  # unpacking wheels takes cores, too
+        self.at_once = max(PREPARING, self.room.slots) if alone else beside
         self.groups: deque[list[Cell]] = deque()
         self.preparing: set[Future[list[Prepared]]] = set()
         self.ready: list[_Ready] = []
