@@ -361,7 +361,8 @@ def render(measured: Sequence[Side], styles: Sequence[str], runs: int, tools: Ma
         "of our probes in two processes for each cell, the checks and one episode again; ours under its supervisor. "
         "With pytest inside, the others have a test for each check, which reads the reply of the same two processes; "
         f"ours is the suite of our plugin, with `--matrix-jobs {CORES}`. "
-        "Checks are counted in the replies that those files write, in both styles.",
+        "Checks are counted in the replies that those files write, in both styles. Where the seconds of ours go is in "
+        "[profile.md](profile.md).",
     ]
     for style in styles:
         lines += ["", f"## {STYLES[style]}", "", *table(measured, style)]
