@@ -13,7 +13,7 @@ from typing import Literal
 
 import msgspec
 
-from harness.model import Case, CaseRecord, CellRecord, Plan
+from harness.model import Case, CaseRecord, CellRecord, Phase, Plan
 from harness.model.hostile_data import Unreadable
 from harness.model.report_types import (
     BehaviourEntry,
@@ -81,7 +81,8 @@ def _measured(records: Iterable[CellRecord], vault: Vault) -> dict[tuple[str, st
     comparison: dict[tuple[str, str, str], list[_Measured]] = {}
     for record in records:
         for case in record.cases:
-            names = _files(case, vault)
+            behaves = any(phase.phase is Phase.BEHAVE for phase in case.phases)
+            names = _files(case, vault) if behaves else None
             if names:
                 key = record.cell.matrix, record.machine, case.case
                 comparison.setdefault(key, []).append(_Measured(record, case, *names))

@@ -16,6 +16,7 @@ FAR = 10**18
 """A number that no release has reached."""
 
 
+@lru_cache(maxsize=4096)
 def canonical(name: str) -> str:
     """Return a package's name as indexes compare it."""
     return re.sub(r"[-_.]+", "-", name).lower()
