@@ -70,10 +70,6 @@ LONGEST_PATH = 80
 GARBAGE = 50_000
 """Objects made before Python looks for circles among them: records are many and hold none."""
 
-SWITCH_SECONDS = 0.0005
-"""How soon a thread that has waited, for a probe or a file, may go on though another one computes: a tenth of what
-Python waits otherwise, which added up over thousands of files."""
-
 
 def console() -> None:
     """Run the command line of an installed command, and exit."""
@@ -84,7 +80,6 @@ def console() -> None:
 def main(arguments: Sequence[str]) -> int:
     """Run one verb and return the exit code of the contract."""
     gc.set_threshold(GARBAGE)
-    sys.setswitchinterval(SWITCH_SECONDS)
     try:
         verb, rest = _verb(arguments)
         module = _imported(VERBS[verb][0])

@@ -69,12 +69,6 @@ class PublishedReport(NamedTuple):
     trouble: str | None = None
 
 
-def load() -> None:
-    """Import what compares behaviour and pictures: it takes numpy, which a report that is as before does not need."""
-    from harness.reports import behaviour  # noqa: F401, PLC0415 - start-up
-    from harness.reports.pictures import boundaries  # noqa: F401, PLC0415 - start-up
-
-
 def publish(
     plans: Sequence[Plan], measured: Mapping[str, CellRecord], opened: Store, wanted: Wanted
 ) -> list[PublishedReport]:

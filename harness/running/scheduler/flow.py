@@ -44,17 +44,8 @@ LOOK_SECONDS = 0.25
 SIGNAL_SECONDS = 1.0  # a signal that another thread took is obeyed when this one runs again
 
 
-def run(
-    cells: Sequence[Cell],
-    store: Store,
-    settings: Settings,
-    observer: Observer,
-    meanwhile: Callable[[], object] = lambda: None,
-) -> tuple[CellRecord, ...]:
-    """Bring every cell as far as `settings.until`; the records come in the order of the cells.
-
-    `meanwhile` is called once while the first probes run, if there are any.
-    """
+def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Observer) -> tuple[CellRecord, ...]:
+    """Bring every cell as far as `settings.until`; the records come in the order of the cells."""
     here = this_machine.facts()
     store.save_machine(here.id, here.facts)
     flow = Flow(Runner(store, settings, observer))
@@ -64,7 +55,7 @@ def run(
         controls.cells()  # a mistake in what they are is said now, not in the middle
         sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
         process.get_ready()
-        flow.run(left, Past(store, here.id, left), meanwhile)
+        flow.run(left, Past(store, here.id, left))
     return tuple(flow.records[cell.id] for cell in cells)
 
 
@@ -121,20 +112,16 @@ class Flow:
             self._keep(record)
         return record is not None
 
-    def run(self, cells: Sequence[Cell], past: Past, meanwhile: Callable[[], object] = lambda: None) -> None:
-        """Bring these cells to their records; call `meanwhile` once probes run."""
+    def run(self, cells: Sequence[Cell], past: Past) -> None:
+        """Bring these cells to their records."""
         self.past = past
         self.order = order(cells, past.seconds)
         self.groups.extend(self._grouped(cells))
         # Controls have a thread of their own: `Runner.measure` waits for claims, and would hold up a slot.
         with threads(self.at_once, self.room.slots, 1) as (self.first, self.second, self.third):
-            is_first = True
             while self.groups or self.preparing or self.ready or self.probing or self.elsewhere or self.controlling:
                 self._prepare()
                 self._probe()
-                if is_first and self.probing:
-                    is_first = False
-                    meanwhile()
                 self._wait()
 
     def _grouped(self, cells: Sequence[Cell]) -> list[list[Cell]]:
