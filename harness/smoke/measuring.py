@@ -122,7 +122,7 @@ class Measuring:
         return replace(case, checks=tuple(check for check in case.checks if phase_of(check) in wanted))
 
     def _measure(self, cell: Cell, name: str, part: Cell, until: Phase) -> CellRecord:
-        if self._threads and not self._ahead:
+        if self._threads and not self._ahead and get_ident() == self._items_thread:
             self._start(self._threads)
         key = cell.id, name
         with self._gate:
@@ -149,7 +149,7 @@ class Measuring:
             self._ahead.append(threads.submit(self._measure_ahead, cell))
 
     def _measure_ahead(self, cell: Cell) -> None:
-        """Measure all parts of a cell that items will ask for. What fails here fails again for its item."""
+        """Measure the steps and cases of a cell that items will ask for. What fails is tried again for its item."""
         with suppress(Exception):
             self.steps(cell)
             for case in cell.cases:

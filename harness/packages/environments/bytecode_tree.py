@@ -110,7 +110,7 @@ def _fill(folder: Path, code: Mapping[str, tuple[str, bytes | Linked]]) -> dict[
             continue
         target, parent = f"{folder}/{path}", path.rpartition("/")[0]  # `Path` would take half of the time
         if parent not in parents:
-            os.makedirs(f"{folder}/{parent}", exist_ok=True)  # noqa: PTH103
+            os.makedirs(f"{folder}/{parent}", exist_ok=True)  # noqa: PTH103 - as above
             parents.add(parent)
         if isinstance(content, Linked):
             files[name] = _link(content, path, target)

@@ -37,7 +37,7 @@ from harness.running.scheduler.runner import Prepared, Runner
 from harness.running.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
 
 PREPARING = 3
-"""Groups of cells that are resolved and installed at a time, beside the probes: no more than these, but two."""
+"""Groups of cells that are resolved and installed at a time, as many as probes run, and two at least."""
 
 LOOK_SECONDS = 0.25
 """How often it is asked whether memory is free again, and whether another process is done with the same cell."""
