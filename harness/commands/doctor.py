@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 
 from harness.commands import explain
+from harness.model import decoding
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.reports import doctor_pyz
@@ -157,7 +158,7 @@ def main(args: argparse.Namespace) -> int:
         raise BadInput(message) from None
     if args.prove:
         plain["proof"] = prove_in_copy.proof(plain, env=args.env, offline=args.offline)
-    document = msgspec.convert({**plain, "tried": looks.tried}, Doctored)
+    document = decoding.convert({**plain, "tried": looks.tried}, Doctored)
     if looks.drawn:
         document = msgspec.structs.replace(
             document, rendering=looks.drawn.rendering, diagnoses=(*document.diagnoses, *looks.drawn.diagnoses)

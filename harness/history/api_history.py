@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import msgspec
 
 from harness.history.release_reader import ReleaseFacts
+from harness.model import decoding
 
 FORM = 2
 
@@ -119,7 +120,7 @@ def decode(content: bytes) -> ApiHistory:
     if plain["form"] != FORM:
         message = f"form {plain['form']} instead of {FORM}: make it again"
         raise ValueError(message)
-    return msgspec.convert(plain, ApiHistory)
+    return decoding.convert(plain, ApiHistory)
 
 
 def _facts(release: MeasuredRelease) -> ReleaseFacts:

@@ -32,7 +32,7 @@ from harness.history.api_history import MeasuredRelease, ReleaseEntry, encode, f
 from harness.history.package_plan import ChosenFile, PackagePlan
 from harness.history.release_reader import ReleaseFacts
 from harness.machine.store import cache_folder, digest, write_atomic
-from harness.model import Artifact
+from harness.model import Artifact, decoding
 from harness.model.errors import HarnessError
 from harness.model.report_types import format_duration
 from harness.packages import index
@@ -135,7 +135,7 @@ class _Reader:
         cached = cache_folder() / "history" / f"{digest(file.artifact.sha256, ways, python, *programs)}.json"
         try:
             if cached.is_file():
-                document = msgspec.json.decode(cached.read_bytes(), type=ReleaseDocument)
+                document = decoding.decoder(ReleaseDocument).decode(cached.read_bytes())
             else:
                 document = self._read(file, big=big)
                 cached.parent.mkdir(exist_ok=True)

@@ -14,7 +14,7 @@ from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.version import Version
 
 from harness.machine import interpreters
-from harness.model import Artifact, Interpreter
+from harness.model import Artifact, Interpreter, decoding
 from harness.packages import index
 
 FIRST_PYTHON = Version("3.7")
@@ -87,7 +87,7 @@ class ChosenFile:
 def load(file: Path) -> Plan:
     """Return the plan in a file."""
     plain: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
-    return msgspec.convert(plain, Plan)
+    return decoding.convert(plain, Plan)
 
 
 def choose(

@@ -23,7 +23,7 @@ from harness.machine import python_discovery
 from harness.machine.files import guarded_files
 from harness.machine.process import Command, Limits, Profile, run
 from harness.machine.store import cache_folder, write_atomic
-from harness.model import Interpreter
+from harness.model import Interpreter, decoding
 
 OLDEST = Version("3.7")
 """The in-cell side speaks Python 3.7 to 3.14; an older interpreter is as good as absent."""
@@ -262,7 +262,7 @@ def _ask(path: Path) -> Facts | None:
     # A `.pth` file or a `sitecustomize` may print, too, so the answer stands on a line with a mark.
     answers = (line.removeprefix(_MARK) for line in lines if line.startswith(_MARK))
     try:
-        return guarded_files.decoder(Facts).decode(next(answers, ""))
+        return decoding.decoder(Facts).decode(next(answers, ""))
     except msgspec.DecodeError:
         return None
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
+from harness.model import decoding
 from harness.model.hostile_data import Unreadable, raise_unreadable
 
 MOST_BYTES = 512 << 10
@@ -37,7 +38,7 @@ class LinearPolicy(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def read(content: bytes) -> dict[str, Any]:
     """Return the policy in a file as a case holds it. Raises Unreadable."""
     with raise_unreadable():
-        policy = msgspec.json.decode(content, type=LinearPolicy)
+        policy = decoding.decoder(LinearPolicy).decode(content)
     if {len(policy.deviation), *map(len, policy.weights)} != {len(policy.mean)}:
         message = "`mean`, `deviation` and each row of `weights` have to have one length"
         raise Unreadable(message)

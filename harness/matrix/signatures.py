@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
-from msgspec import Meta, convert, field
+from msgspec import Meta, field
 from msgspec.structs import asdict
 
 from harness.matrix.matrix_types import Table
-from harness.model import Change, Observation, Phase
+from harness.model import Change, Observation, Phase, decoding
 from harness.model.errors import BadInput
 from harness.model.schema import load_toml, locate_errors
 from harness.model.vocabulary import Api, Checked, Label, Pattern, Requirement, Word, check_specifier
@@ -117,7 +117,7 @@ class RemedyTable(Change, frozen=True, kw_only=True, forbid_unknown_fields=True)
     @property
     def change(self) -> Change | None:
         """Return the part of the remedy that a machine can apply; None if there is none."""
-        return convert(self, Change, from_attributes=True) or None
+        return decoding.convert(self, Change, attributes=True) or None
 
 
 class VerifiedTable(Table, frozen=True, kw_only=True):

@@ -23,6 +23,7 @@ import msgspec
 from msgspec import inspect as types
 from tomli_w import dumps
 
+from harness.model import decoding
 from harness.model.errors import BadInput
 
 T = TypeVar("T")
@@ -185,7 +186,7 @@ def _read_self(kind: Any, plain: Any) -> Any:
 
 def _convert(plain: Any, kind: type[T]) -> T:
     try:
-        return msgspec.convert(plain, kind, dec_hook=_read_self)
+        return decoding.convert(plain, kind, read_other=_read_self)
     except msgspec.ValidationError as error:
         raise ValueError(str(error)) from None  # so that the path of the value around it is added
 

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.model import decoding
 from harness.model.hostile_data import Unreadable, raise_unreadable
 from harness.probes.evidence import MOST_ARRAYS
 
@@ -90,8 +91,7 @@ def facts(arrays: Arrays) -> dict[str, Any]:
     if FACTS not in arrays:
         return {}
     with raise_unreadable():
-        decoded: dict[str, Any] = msgspec.json.decode(arrays[FACTS].tobytes(), type=dict[str, Any])
-    return decoded
+        return decoding.decoder(dict[str, Any]).decode(arrays[FACTS].tobytes())
 
 
 def with_facts(arrays: Arrays, new_facts: Mapping[str, Any]) -> dict[str, NDArray[Any]]:

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
+from harness.model import decoding
 from harness.model.hostile_data import Unreadable, raise_unreadable
 
 MOST_NUMBERS = 1_000
@@ -80,7 +80,7 @@ def drop_mistyped(facts: Mapping[str, Any]) -> tuple[Mapping[str, Any], str | No
     for name in sorted(RECORDED.keys() & facts.keys()):
         try:
             with raise_unreadable():
-                _measure(msgspec.convert(facts[name], RECORDED[name]))
+                _measure(decoding.convert(facts[name], RECORDED[name]))
         except Unreadable as error:
             wrong[name] = f"its fact {name} is left out: {error}"
     if not wrong:

@@ -20,7 +20,7 @@ from harness.machine import display, process
 from harness.machine.files.guarded_files import Folder
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import digest, own_folders
-from harness.model import Case, Phase, ProbeReply, ProbeRequest
+from harness.model import Case, Phase, ProbeReply, ProbeRequest, decoding
 from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 from harness.packages.environments import bytecode
 from harness.packages.environments.site_packages import LEADS_ON
@@ -322,9 +322,6 @@ class _Glance(msgspec.Struct, frozen=True):
     check: str | None = None
 
 
-_glances = msgspec.json.Decoder(_Glance)
-
-
 class _Follower:
     """A reader of the growing reply, to know which check is running; `latest` is the one that started last."""
 
@@ -348,7 +345,7 @@ class _Follower:
 
     def _take(self, line: bytes) -> None:
         with suppress(Unreadable), raise_unreadable():
-            record = _glances.decode(line)
+            record = decoding.decoder(_Glance).decode(line)
             if record.kind in ("start", "check", "end"):
                 self.latest = record.check or self.latest
                 self._records += 1

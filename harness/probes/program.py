@@ -17,6 +17,7 @@ from pathlib import Path
 import msgspec
 
 from harness.machine import store
+from harness.model import decoding
 from harness.model.vocabulary import INCELL
 from harness.probes import syntax
 from harness.standalone import adapters
@@ -97,12 +98,11 @@ def read(folder: Path) -> Program:
     marks = {name: hashlib.sha256(source).hexdigest() for name, source in sources.items()}
     # The reader is part of the mark: another way of digesting gives other digests for the same sources.
     marks["how"] = hashlib.sha256(Path(syntax.__file__).read_bytes() + repr(adapters.NAMES).encode()).hexdigest()
-    decoder = msgspec.json.Decoder(dict[str, File])
 
     def parsed() -> bytes:
         return msgspec.json.encode({name: _file(name, source) for name, source in sources.items()})
 
-    return Program(store.load_or_make("program", repr(marks), parsed, decoder.decode))
+    return Program(store.load_or_make("program", repr(marks), parsed, decoding.decoder(dict[str, File]).decode))
 
 
 def _file(name: str, source: bytes) -> File:

@@ -20,6 +20,7 @@ import msgspec
 from harness.machine import process
 from harness.machine.files import guarded_files
 from harness.machine.store import write_atomic, write_changed
+from harness.model import decoding
 from harness.model.errors import CouldNotTell
 from harness.model.hostile_data import Unreadable, raise_unreadable
 from harness.probes.evidence import ARRAYS, PICTURE, ProbeRun, Reading, folder_of
@@ -119,7 +120,7 @@ class Vault:
     def _run(self, name: str) -> ProbeRun:
         content = self.content(name, MOST_RUN)
         with raise_unreadable():
-            return guarded_files.decoder(ProbeRun).decode(content)
+            return decoding.decoder(ProbeRun).decode(content)
 
     def _lay(self, name: str, run: ProbeRun) -> None:
         folder = self.state / folder_of(name)

@@ -32,7 +32,7 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
 from msgspec import Meta, Struct
@@ -48,6 +48,7 @@ from harness.model import (
     ProbeRequest,
     Raised,
     WorkerRecord,
+    decoding,
 )
 from harness.model.hostile_data import Unreadable, json_object, raise_unreadable, shallow
 from harness.model.words import VIOLATION, sentence
@@ -212,8 +213,8 @@ class _WorkerRaised(_Record, tag="raised", frozen=True, kw_only=True):
     observed: _Observed | None
 
 
-_reply_records = msgspec.json.Decoder(_Hello | _Start | _Check | _Finding | _Frame | _End)
-_worker_records = msgspec.json.Decoder(_Reached | _WorkerRaised)
+_ReplyRecord: TypeAlias = _Hello | _Start | _Check | _Finding | _Frame | _End
+_WorkerRecord: TypeAlias = _Reached | _WorkerRaised
 
 
 # --- reading ---------------------------------------------------------------------------------------------------
@@ -225,7 +226,7 @@ def read_reply(lines: Iterable[bytes], files: Mapping[str, bytes] = MappingProxy
     What cannot be believed is left out and listed among the problems.
     """
     reading = _Reading()
-    sequence = _Sequence(decoder=_reply_records, name="reply")
+    sequence = _Sequence(kind=_ReplyRecord, name="reply")
     sequence.read(islice(lines, MOST_LINES), reading.use)
     workers, problems = read_workers(files)
     problems = (*sequence.problems, *problems, *reading.add_workers(workers))
@@ -253,7 +254,7 @@ def read_workers(files: Mapping[str, bytes]) -> tuple[tuple[tuple[str, WorkerRec
     names = [match for name in files if (match := WORKER_FILE.fullmatch(name)) and match[2] == "jsonl"]
     for match in sorted(names, key=lambda match: int(match[1])):
         diary = _Diary()
-        sequence = _Sequence(decoder=_worker_records, name=match[0], pid=int(match[1]))
+        sequence = _Sequence(kind=_WorkerRecord, name=match[0], pid=int(match[1]))
         sequence.read(files[match[0]].splitlines(keepends=True), diary.use)
         problems += sequence.problems
         stacks = files.get(f"worker-{match[1]}.txt", b"")[:LONGEST_STACKS].decode("utf-8", "replace")
@@ -266,7 +267,7 @@ def read_workers(files: Mapping[str, bytes]) -> tuple[tuple[tuple[str, WorkerRec
 class _Sequence:
     """The records of one process, in their order: none of another process, none twice."""
 
-    decoder: msgspec.json.Decoder[Any]
+    kind: Any
     name: str
     pid: int | None = None
     next_seq: int = 0
@@ -292,7 +293,7 @@ class _Sequence:
             return None, "cut short"
         try:
             with raise_unreadable():
-                record = self.decoder.decode(line)
+                record = decoding.decoder(self.kind).decode(line)
         except Unreadable as error:
             return None, f"not a record: {error}"
         if isinstance(record, _Check) and not shallow(record.facts):

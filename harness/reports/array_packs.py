@@ -15,6 +15,7 @@ from hashlib import sha256
 import msgspec
 import numpy as np
 
+from harness.model import decoding
 from harness.model.hostile_data import Unreadable, raise_unreadable
 from harness.probes import array_files
 
@@ -84,7 +85,7 @@ def unpack(members: Mapping[str, bytes]) -> dict[str, bytes]:
         folder, _, file = name.partition("/")
         if folder == FILES:
             with raise_unreadable():
-                contents = msgspec.json.decode(member, type=Contents)
+                contents = decoding.decoder(Contents).decode(member)
                 files[file] = array_files.join({part: arrays[sha] for part, sha in contents.arrays})
             if sha256(files[file]).hexdigest() != file:
                 message = f"{name} is not the content of that name"

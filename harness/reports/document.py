@@ -34,6 +34,7 @@ from harness.model import (
     Role,
     Verdict,
     cellid,
+    decoding,
     schema,
 )
 from harness.model.cellid import CellId
@@ -195,7 +196,7 @@ def entry(assessed: Assessed, making: EntryInputs) -> CellEntry:
         brought=record.brought or msgspec.UNSET,
         empty=cell.empty or msgspec.UNSET,
         suite=_suite(assessed, locate),
-        controls=msgspec.convert(record.controls, dict[str, Control], from_attributes=True) or msgspec.UNSET,
+        controls=decoding.convert(record.controls, dict[str, Control], attributes=True) or msgspec.UNSET,
         base=cell.base,
         change=change,
         role=role(cell.id, change, making.variants, proving=bool(cell.tried and cell.tried.proving)),
@@ -317,13 +318,13 @@ def _case(case: AssessedCase, unverified: tuple[str, ...], locate: Locate) -> Ca
 
 def encode(document: Document) -> bytes:
     """Return the document as JSON, equal for equal documents, with a line for each combination."""
-    parts = msgspec.json.decode(msgspec.json.encode(document, order="deterministic"), type=dict[str, msgspec.Raw])
+    parts = decoding.decoder(dict[str, msgspec.Raw]).decode(msgspec.json.encode(document, order="deterministic"))
     return b"{" + b",".join(_line(name, bytes(part)) for name, part in parts.items()) + b"\n}\n"
 
 
 def _line(name: str, content: bytes) -> bytes:
     if content.startswith(b"["):
-        items = msgspec.json.decode(content, type=tuple[msgspec.Raw, ...])
+        items = decoding.decoder(tuple[msgspec.Raw, ...]).decode(content)
         content = b"[" + b",".join(b"\n " + bytes(item) for item in items) + b"]"
     return b"\n" + msgspec.json.encode(name) + b":" + content
 

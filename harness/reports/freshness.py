@@ -11,7 +11,7 @@ import msgspec
 from harness.machine import source_digests, store
 from harness.machine.files import guarded_files
 from harness.machine.this_machine import Machine
-from harness.model import CellRecord, Plan
+from harness.model import CellRecord, Plan, decoding
 from harness.model.errors import HarnessError
 from harness.model.hostile_data import Unreadable
 from harness.model.report_types import Document
@@ -52,7 +52,7 @@ def mark(plan: Plan, records: Iterable[CellRecord], here: Machine, folder: Path,
 def read(note: Path, made_of: str, folder: Path) -> Document | None:
     """Return the report in a folder if its mark is the same and nobody changed its files since; else None."""
     try:
-        noted = guarded_files.read_decoded(note, MOST, lambda text: msgspec.json.decode(text, type=_Note))
+        noted = guarded_files.read_decoded(note, MOST, decoding.decoder(_Note).decode)
         if noted == _Note(made_of, _files(folder)):
             return document.read_file(folder / FILES[0])
     # Whatever is wrong with the note or the report, the report is made again.

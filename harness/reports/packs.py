@@ -22,7 +22,7 @@ import msgspec
 
 from harness.machine.files import guarded_files
 from harness.machine.store import write_atomic, write_changed
-from harness.model import CaseRecord, CellRecord, Outcome, Phase, PhaseRecord, Plan
+from harness.model import CaseRecord, CellRecord, Outcome, Phase, PhaseRecord, Plan, decoding
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 from harness.probes.evidence import PICTURE
@@ -213,7 +213,7 @@ def index(folder: Path) -> Index | None:
     """Return the index of a report, or None if it has none. Raises BadInput."""
     path = folder / INDEX
     try:
-        return guarded_files.read_decoded(path, MOST_INDEX, guarded_files.decoder(Index).decode, follow=True)
+        return guarded_files.read_decoded(path, MOST_INDEX, decoding.decoder(Index).decode, follow=True)
     except Absent:
         return None
     except Unreadable as error:
@@ -264,7 +264,7 @@ def _extract(content: bytes, state: Path) -> Packed | None:
     vault, packed, arrays = Vault(state), None, dict[str, bytes]()
     for name, member in members(content):
         if name == CELLS:
-            packed = guarded_files.decoder(Packed).decode(member)
+            packed = decoding.decoder(Packed).decode(member)
         elif name.startswith(CONTENTS):
             if vault.keep(member) != name.rpartition("/")[2]:
                 message = f"{name} is not the content of that name"

@@ -14,7 +14,7 @@ import pytest
 
 from harness.judging.assess import assess
 from harness.machine import this_machine
-from harness.model import Cell, CellRecord, Phase, cellid
+from harness.model import Cell, CellRecord, Phase, cellid, decoding
 from harness.model.errors import HarnessError
 from harness.reports import publishing
 from harness.running.scheduler import QuietObserver, Runner
@@ -52,7 +52,7 @@ class Face:
         sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
         if self.worker:
             plan = self.config.workerinput[INPUT]  # type: ignore[attr-defined]
-            self.frozen = msgspec.json.decode(plan, type=frozen.SessionPlan)
+            self.frozen = decoding.decoder(frozen.SessionPlan).decode(plan)
             self._take_chosen()
             return
         given = self.config.getoption
@@ -163,7 +163,7 @@ class Face:
             return
         self.facts.setdefault(facts.pop("cell"), {}).update(facts)
         if record:
-            cell_record = msgspec.json.decode(record, type=CellRecord)
+            cell_record = decoding.decoder(CellRecord).decode(record)
             self.records[cell_record.cell.id] = cell_record
 
     # --- the end -----------------------------------------------------------------------------------------------

@@ -24,6 +24,8 @@ APART = {"incell", "matrices"}
 PURE = ("physics", "judging", "matrix", "devices", "model")
 """Rooms that start nothing, connect to nothing, ask no clock and open no file."""
 IMPURE = {"subprocess", "socket", "time", "multiprocessing", "threading", "tempfile", "shutil", "requests"}
+LOCKING = {"harness.model.decoding"}
+"""Modules of these rooms that hold a lock, and so import `threading`; they start no thread."""
 MOST = 14
 """Modules of a room or of a room within it; verbs and in-cell files grow by verb and by adapter."""
 DOORS_MOST = 10
@@ -170,7 +172,9 @@ def test_pure_rooms_do_no_input_or_output(module: str) -> None:
     path = MODULES[module]
     if room(module) == "standalone" and path.stem in STANDALONE:
         return
-    assert not {name.split(".")[0] for name in imports(path)} & IMPURE
+    assert not {name.split(".")[0] for name in imports(path)} & (
+        IMPURE - ({"threading"} if module in LOCKING else set())
+    )
     called = {ast.unparse(node.func) for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)}
     assert not {name for name in called if name == "open" or name.split(".")[-1] in {"read_text", "read_bytes"}}
 

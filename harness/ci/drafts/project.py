@@ -13,7 +13,7 @@ from packaging.specifiers import InvalidSpecifier
 from packaging.utils import canonicalize_name
 
 from harness.ci.drafts import poetry
-from harness.model import requirement_texts, schema
+from harness.model import decoding, requirement_texts, schema
 
 PYTHONS = tuple(f"3.{minor}" for minor in range(7, 15))
 """Those that cells can have."""
@@ -70,7 +70,7 @@ def read(pyproject: str, setup: str, folder: str) -> Project:
     document = schema.load_toml(pyproject, _Document, "pyproject.toml")
     table, own = document.project, document.tool.get("poetry")
     if not table.name and isinstance(own, Mapping):
-        table = msgspec.convert(poetry.project_table(own), _Table)
+        table = decoding.convert(poetry.project_table(own), _Table)
     if not table.name and setup:
         table = _literals(setup)
     return Project(

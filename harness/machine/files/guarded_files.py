@@ -11,11 +11,9 @@ import stat
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from threading import Lock
-from typing import Any, Self, TypeVar
+from typing import Self, TypeVar
 
-import msgspec
-
+from harness.model import decoding
 from harness.model.hostile_data import Unreadable, raise_unreadable
 
 T = TypeVar("T")
@@ -47,25 +45,12 @@ def read_decoded(path: str | Path, most: int, decode: Callable[[bytes], T], *, f
         return decode(content)
 
 
-def decoder(kind: type[T]) -> msgspec.json.Decoder[T]:
-    """Return the JSON decoder of a type. No two are made at a time: msgspec crashes where such types share others."""
-    with _making:
-        if kind not in _decoders:
-            _decoders[kind] = msgspec.json.Decoder(kind)
-        json_decoder: msgspec.json.Decoder[T] = _decoders[kind]
-    return json_decoder
-
-
 def load(path: str | Path, kind: type[T]) -> T | None:
     """Return a JSON file of our own; None if it is absent, damaged, or of an older shape and so of no use."""
     try:
-        return read_decoded(path, MOST_OWN, decoder(kind).decode)
+        return read_decoded(path, MOST_OWN, decoding.decoder(kind).decode)
     except Unreadable:
         return None
-
-
-_making = Lock()
-_decoders: dict[Any, Any] = {}
 
 
 def text(path: str | Path, most: int, *, follow: bool = False) -> str:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
-from msgspec import convert, structs
+from msgspec import structs
 
 from harness.matrix import changes
 from harness.matrix.matrix_types import ChangedTable, ChangeTable, Matrix
 from harness.matrix.plan.choices import Choice, Combination, condition
 from harness.matrix.plan.contents import Contents
-from harness.model import Cell, Expectation, Tried, cellid
+from harness.model import Cell, Expectation, Tried, cellid, decoding
 from harness.model.schema import locate_errors
 from harness.model.vocabulary import Kind
 
@@ -99,4 +99,4 @@ def _expectation(table: ChangedTable, reason: str) -> Expectation | None:
     """Return the expectation for a changed cell; None if it is only expected to work."""
     if table == ChangedTable():
         return None
-    return convert(structs.replace(table, reason=table.reason or reason), Expectation, from_attributes=True)
+    return decoding.convert(structs.replace(table, reason=table.reason or reason), Expectation, attributes=True)

@@ -8,7 +8,6 @@ from itertools import chain
 from pathlib import PurePosixPath
 from typing import Any, NamedTuple, TypeVar
 
-from msgspec import convert
 from msgspec.structs import asdict
 
 from harness.matrix import overlay_recipes, policies
@@ -25,7 +24,7 @@ from harness.matrix.matrix_types import (
 from harness.matrix.plan.adapter_choice import find_api
 from harness.matrix.plan.choices import Choice, Combination, Condition, condition
 from harness.matrix.plan.sources import Sources
-from harness.model import Bring, Case, Change, Phase, Question, Subject, Suite
+from harness.model import Bring, Case, Change, Phase, Question, Subject, Suite, decoding
 from harness.model.errors import BadInput
 from harness.model.schema import key_path, locate_errors, suggestion
 from harness.model.vocabulary import (
@@ -104,7 +103,7 @@ class Contents:
         self.surrounded: dict[Combination, dict[str, Any]] = {}
         self.known_cases: dict[tuple[int, ...], tuple[Case, ...]] = {}
         self.spoken: dict[tuple[int, str], Case] = {}
-        self.suite = convert(matrix.suite, Suite, from_attributes=True) if matrix.suite else None
+        self.suite = decoding.convert(matrix.suite, Suite, attributes=True) if matrix.suite else None
         self.suite_when = condition(matrix, matrix.suite.when if matrix.suite else {})
         self.subjects: dict[tuple[tuple[str, ...], tuple[str, ...], bool], Subject] = {}
 

@@ -9,8 +9,6 @@ from math import prod
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
-from msgspec import convert
-
 from harness.matrix.matrix_types import ExpectTable, Matrix, Value
 from harness.matrix.plan.changing import Changing
 from harness.matrix.plan.choices import Choice, Combination, Condition, choice_of, choices, condition
@@ -18,7 +16,7 @@ from harness.matrix.plan.contents import Contents
 from harness.matrix.plan.covering import number_of_parts
 from harness.matrix.plan.sources import Sources
 from harness.matrix.plan.strategies import Axes, Candidates, baseline_combinations
-from harness.model import Case, Cell, Dropped, Expectation, Plan, Suite, cellid
+from harness.model import Case, Cell, Dropped, Expectation, Plan, Suite, cellid, decoding
 from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.model.schema import locate_errors, suggestion
@@ -234,7 +232,7 @@ def _cells(
 ) -> tuple[tuple[Cell, ...], tuple[str, ...]]:
     """Return the cells, each followed by its changed copies, and a line for each expectation that fits no cell."""
     expected = [
-        _Expected(index, table, condition(matrix, table.when), convert(table, Expectation, from_attributes=True))
+        _Expected(index, table, condition(matrix, table.when), decoding.convert(table, Expectation, attributes=True))
         for index, table in enumerate(matrix.expect)
     ]
     of_changed = [each for each in expected if each.table.of_changed]

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from harness.machine import store
-from harness.model import Plan
+from harness.model import Plan, decoding
 from harness.model.errors import BadInput
 from harness.model.measured import Measured
 
@@ -54,7 +54,7 @@ def load_plain() -> dict[str, Any]:
 
 def load_shipped() -> Measured:
     """Return the results that come with the harness; a checkout collects them once for each state of its reports."""
-    read = msgspec.json.Decoder(Measured).decode
+    read = decoding.decoder(Measured).decode
     if PACKED.is_file():
         return read(gzip.decompress(PACKED.read_bytes()))
     # The code is part of the key: another version of it may make another document.

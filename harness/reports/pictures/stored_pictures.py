@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from harness.model import CaseRecord
+from harness.model import CaseRecord, decoding
 from harness.model.hostile_data import Unreadable, raise_unreadable
 from harness.physics import pixels
 from harness.physics.outputs import Array
@@ -66,7 +66,7 @@ def of_states(case: CaseRecord, vault: Vault) -> Drawings | None:
 def read_states(arrays: Mapping[str, Array], subject: str) -> Drawings:
     """Return the drawings in a file of arrays. Raises Unreadable."""
     with raise_unreadable():
-        facts = msgspec.convert(array_files.facts(arrays), DrawnFacts)
+        facts = decoding.convert(array_files.facts(arrays), DrawnFacts)
         small, digests = arrays.get("small"), arrays.get("digest", np.zeros((0, 32), np.uint8))
         if small is not None and (*small.shape[:1], *small.shape[3:]) != (len(digests), 3):
             message = "its small pictures are not arrays of colours"
@@ -113,7 +113,7 @@ def of_start(case: CaseRecord, vault: Vault) -> Drawings | None:
         return None
     try:
         with raise_unreadable():
-            drawn = msgspec.convert(picture, Picture)
+            drawn = decoding.convert(picture, Picture)
     except Unreadable:
         return None
     camera = msgspec.to_builtins(drawn.camera) if drawn.camera else None
@@ -131,7 +131,7 @@ def _start(facts: Mapping[str, Any]) -> Array | str | None:
     """Return the observation of the first reset, its digest where its numbers are not there."""
     try:
         with raise_unreadable():
-            values = msgspec.convert(facts["values"], Values).entries[0][0] if "values" in facts else None
+            values = decoding.convert(facts["values"], Values).entries[0][0] if "values" in facts else None
             if values:
                 return np.array([np.nan if number is None else number for number in values])
             return str(facts["trajectory"][0])

@@ -12,7 +12,7 @@ from harness.devices import egl_advice, gl_inventory
 from harness.devices.egl_advice import LIBRARIES, DrawingSupport, Prediction
 from harness.devices.egl_rules import OLD_EGL_ID
 from harness.devices.gl_inventory import Answer, RenderingWays
-from harness.model import Level
+from harness.model import Level, decoding
 from harness.model.report_types import DiagnosisEntry, FindingEntry
 from harness.reports import document
 from harness.running.signatures import shipped_signatures
@@ -103,7 +103,7 @@ def assess_rendering(ways: RenderingWays, variables: egl_advice.Variables) -> Re
                 Possible(setting=typed, selected=_selected(egl_advice.outcomes(those, there, argument)))
                 for typed, those, argument in egl_advice.possible(there)
             ),
-            recommended=msgspec.convert(advice, Recommended, from_attributes=True) if advice else None,
+            recommended=decoding.convert(advice, Recommended, attributes=True) if advice else None,
         ),
     )
 

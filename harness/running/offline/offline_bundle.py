@@ -20,10 +20,10 @@ from typing import Literal
 import msgspec
 
 from harness.machine import interpreters
-from harness.machine.files import given_files, guarded_files
+from harness.machine.files import given_files
 from harness.machine.files.file_locks import exclusive
 from harness.machine.store import digest, open_store, sha256_of, write_atomic
-from harness.model import Cell, IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Step, cellid, schema
+from harness.model import Cell, IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Step, cellid, decoding, schema
 from harness.model.errors import BadInput
 from harness.packages import locks
 from harness.packages.sources import builds
@@ -274,7 +274,7 @@ class Fetched:
         return self._cells.get(cell.id) or self._cells.get(cellid.to_old_form(cell))
 
     def _answer(self, name: str) -> Answer:
-        return guarded_files.decoder(Answer).decode(self.sound(name).read_bytes())
+        return decoding.decoder(Answer).decode(self.sound(name).read_bytes())
 
     def _here(self, pin: Pin) -> Pin:
         """Return a pin with the path of its wheel; an sdist's pin stays, its built wheel is handed over instead."""

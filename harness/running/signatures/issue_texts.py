@@ -9,6 +9,7 @@ import msgspec
 from harness.judging import known_issues
 from harness.judging.known_issues import Issue
 from harness.machine import store
+from harness.model import decoding
 from harness.running.signatures.signature_files import files
 
 
@@ -19,7 +20,7 @@ def load() -> tuple[Issue, ...]:
         (str(path), path.stat().st_mtime_ns, path.stat().st_size)
         for path in (*files(), Path(__file__), Path(known_issues.__file__))
     ]
-    read = msgspec.json.Decoder(tuple[Issue, ...]).decode
+    read = decoding.decoder(tuple[Issue, ...]).decode
     return store.load_or_make("issues", repr(marks), _encode_issues, read)
 
 

@@ -10,19 +10,13 @@ import shutil
 import sys
 import zipfile
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from harness.machine import interpreters, store
 from harness.machine.files import guarded_files, scratch_folders
-from harness.machine.store import InstallResult
-from harness.model import CellRecord, Lock, PhaseRecord, hostile_data
+from harness.model import hostile_data
 from harness.model.hostile_data import Absent, Unreadable
-from harness.packages.environments import environments
-from harness.probes import launch, vault
-from harness.running.offline import offline_bundle
 
 
 def _loop(path: Path) -> None:
@@ -239,19 +233,3 @@ def test_a_log_that_became_something_else_is_empty(tmp_path: Path) -> None:
     assert guarded_files.log_text(tmp_path / "log") == ""
     (tmp_path / "text").write_bytes(b"caf\xe9\n")
     assert guarded_files.log_text(tmp_path / "text") == "caf\ufffd\n"
-
-
-def test_threads_make_one_decoder_at_a_time() -> None:
-    """Each type has one decoder, however many threads ask: msgspec 0.22 crashes where they make two at once."""
-    kinds = (CellRecord, PhaseRecord, InstallResult, Lock)
-    with ThreadPoolExecutor(8) as pool:
-        found = list(pool.map(guarded_files.decoder, kinds * 8))
-    assert [len({id(one) for one in found[number :: len(kinds)]}) for number in range(len(kinds))] == [1] * len(kinds)
-
-
-def test_threads_decode_through_it() -> None:
-    """No module that threads run lets msgspec make its types by the way."""
-    modules = (
-        Path(module.__file__ or "") for module in (store, environments, interpreters, offline_bundle, launch, vault)
-    )
-    assert [path.name for path in modules if "msgspec.json.decode(" in path.read_text(encoding="utf-8")] == []
