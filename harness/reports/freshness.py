@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import msgspec
+from msgspec.structs import replace
 
 from harness.machine import source_digests, store
 from harness.machine.files import guarded_files
@@ -36,11 +37,12 @@ MOST = 1 << 20
 def mark(plan: Plan, records: Iterable[CellRecord], here: Machine, folder: Path, options: object) -> str:
     """Return a mark of everything that a report is made of.
 
-    It is equal for two reports into one folder, made on one day, exactly if they say the same.
+    It is equal for two reports into one folder, made on one day, exactly if they say the same of what was measured.
+    Which results a run has reused is not part of it: `count_reused` writes that.
     """
     # A record's own mark stands for all that its outcomes depend on; the other fields named here are not part of it.
     record_marks = [
-        (one.cell.id, one.mark, one.measured, one.seconds, one.reused, one.controls) if one.mark else (one.cell.id, one)
+        (one.cell.id, one.mark, one.measured, one.seconds, one.controls) if one.mark else (one.cell.id, one)
         for one in records
     ]
     # The folder counts because the paths in a report are relative to it; the day, because expectations end on one.
@@ -59,6 +61,15 @@ def read(note: Path, made_of: str, folder: Path) -> Document | None:
     except (OSError, Unreadable, HarnessError):
         pass
     return None
+
+
+def count_reused(report: Document, records: Iterable[CellRecord]) -> Document:
+    """Return a report that says which of its results this run has reused; the same object if it said so before."""
+    reused = {record.cell.id: record.reused for record in records}
+    if all(cell.reused == reused.get(cell.id, cell.reused) for cell in report.cells):
+        return report
+    cells = tuple(replace(cell, reused=reused.get(cell.id, cell.reused)) for cell in report.cells)
+    return replace(report, cells=cells)
 
 
 def keep(note: Path, made_of: str, folder: Path) -> None:

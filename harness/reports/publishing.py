@@ -85,6 +85,8 @@ def publish(
             used, note = probes(plan), opened.folder / "reports" / f"{plan.matrix}.note"
             made_of = freshness.mark(plan, records, here, folder, (used, wanted.pivot))
             report, shown = freshness.read(note, made_of, folder), None
+            if report is not None and (counted := freshness.count_reused(report, records)) is not report:
+                report = None if wanted.out else _rewritten(counted, folder, note, made_of)
             if report is None:
                 facts, causes = {here.id: here.facts}, shipped_signatures.load_knowledge(opened.folder)
                 from harness.reports import behaviour  # noqa: PLC0415 - start-up
@@ -110,6 +112,16 @@ def publish(
                     continue
         reports.append(PublishedReport(folder, report, shown))
     return reports
+
+
+def _rewritten(report: Document, folder: Path, note: Path, made_of: str) -> Document | None:
+    """Write only the JSON of a report whose tables stay as they are; return None if it cannot be written."""
+    try:
+        store.write_atomic(folder / "report.json", document.encode(report))
+        freshness.keep(note, made_of, folder)
+    except OSError:
+        return None
+    return report
 
 
 def pack(report: Document, plan: Plan, records: Iterable[CellRecord], opened: Store, folder: Path) -> None:

@@ -273,3 +273,18 @@ def test_an_unchanged_run_writes_nothing(desk_with_results: Desk) -> None:
     expect = '\n[[expect]]\nwhen = { which = "blank" }\nverdict = "partial"\nreason = "it paints black"\n'
     desk_with_results.matrix("small", SMALL.read_text() + expect)
     assert "it paints black" in desk_with_results.run("run", "small.toml").out
+
+
+def test_only_what_was_reused_changes(desk_with_results: Desk) -> None:
+    """A report says which results were reused; where nothing else changed, it is as if it were made again."""
+    folder = desk_with_results.state / "reports" / "small"
+    desk_with_results.run("run", "small.toml", "--fresh")
+    assert [cell["reused"] for cell in json.loads((folder / "report.json").read_text())["cells"]] == [False, False]
+    page = (folder / "report.md").stat().st_ino
+    desk_with_results.run("run", "small.toml")
+    report = json.loads((folder / "report.json").read_text())
+    assert (folder / "report.md").stat().st_ino == page
+    assert [cell["reused"] for cell in report["cells"]] == [True, True]
+    (folder.parent / "small.note").unlink()
+    desk_with_results.run("run", "small.toml")
+    assert json.loads((folder / "report.json").read_text()) | {"generated": report["generated"]} == report
