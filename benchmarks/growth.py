@@ -201,7 +201,7 @@ def stages(matrix: Path) -> dict[str, float]:
             runner = InstantRunner(opened, Settings(jobs=2), board)
             runner.records = {record.cell.id: record for record in records}
             flow = Flow(runner)
-            flow.run(plan.cells, Past(opened, here.id, plan.cells))
+            flow.run(plan.cells, Past(opened, lambda: here.id, plan.cells))
         with timing(COPY):
             locate = publishing.place(records, opened, opened.folder / "reports" / plan.matrix)
             document.build(records, [plan], {here.id: here.facts}, store.now(), locate)  # copies what it names

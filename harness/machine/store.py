@@ -286,6 +286,10 @@ class Store:
         """Return the facts of a machine that cells were measured on."""
         return guarded_files.load(self.folder / "cells" / name / "machine.json", dict[str, Any]) or {}
 
+    def has_cells(self) -> bool:
+        """Return whether anything was ever measured here: a machine's folder holds more than its facts."""
+        return any((self.folder / "cells").glob("*/*/"))
+
     def cells(self) -> Iterator[CellRecord]:
         """Yield every cell record of every machine."""
         for path in sorted((self.folder / "cells").glob("*/*/*.json")):

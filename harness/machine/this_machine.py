@@ -8,10 +8,11 @@ import platform
 import re
 import shutil
 import sys
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from threading import RLock
 from types import MappingProxyType
 from typing import Any
 
@@ -73,9 +74,25 @@ class Machine:
     capabilities: frozenset[str]
 
 
-@functools.cache
 def facts() -> Machine:
-    """Return this machine; facts that take a process to find out are kept until the system changes."""
+    """Return this machine; facts that take a process to find out are kept until the system changes.
+
+    One thread looks, however many ask.
+    """
+    with _looking:
+        return _facts()
+
+
+def forget() -> None:
+    """Forget all that this process knows of this machine, as a new process would."""
+    _facts.cache_clear()
+
+
+_looking = RLock()
+
+
+@functools.cache
+def _facts() -> Machine:
     parts = _parts()
     libc = " ".join(platform.libc_ver()).strip() or "unknown libc"
     properties = {
@@ -197,8 +214,10 @@ def base_environment(needs: Sequence[str] = ()) -> dict[str, str]:
     return ENVIRONMENT | {name: os.environ[name] for name in names if name in os.environ}
 
 
-def describe_missing(needs: Iterable[str]) -> str | None:
+def describe_missing(needs: Collection[str]) -> str | None:
     """Return a sentence with the needs that this machine lacks and their remedies; None if it lacks nothing."""
+    if not needs:
+        return None
     machine = facts()
     return "; ".join(_hint(need, machine) for need in needs if need not in machine.capabilities) or None
 

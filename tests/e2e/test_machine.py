@@ -22,9 +22,9 @@ def fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Examine the machine again in each test, with a cache of its own."""
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("DISPLAY", raising=False)
-    this_machine.facts.cache_clear()
+    this_machine.forget()
     yield
-    this_machine.facts.cache_clear()
+    this_machine.forget()
 
 
 @pytest.fixture
@@ -125,7 +125,7 @@ class TestFacts:
     def test_broken_memory(self, tmp_path: Path) -> None:
         """A cache file that cannot be read is as good as none."""
         first = this_machine.facts()
-        this_machine.facts.cache_clear()
+        this_machine.forget()
         (tmp_path / "cache/machine.json").write_text("{")
 
         assert this_machine.facts() == first
@@ -276,7 +276,7 @@ class TestMissing:
         """Each missing need is named with its reason and a remedy."""
         monkeypatch.setenv("PATH", str(tmp_path))
         monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere.json")
-        this_machine.facts.cache_clear()
+        this_machine.forget()
         reason = this_machine.facts().facts["egl"]["missing"]
 
         assert this_machine.describe_missing(("display", "egl", "gpus")) == (

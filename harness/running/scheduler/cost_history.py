@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cached_property
 
 from harness.machine.store import Store
@@ -15,8 +15,12 @@ UNKNOWN_MB = 2000
 class Past:
     """The last records of some cells on one machine."""
 
-    def __init__(self, store: Store, machine: str, cells: Iterable[Cell]) -> None:
-        summaries = {cell.id: store.read_summary(machine, cell) for cell in cells}
+    def __init__(self, store: Store, find_machine: Callable[[], str], cells: Iterable[Cell]) -> None:
+        """Read the records. `find_machine` may have to look at this machine; it is called only where there are some."""
+        summaries = {}
+        if store.has_cells():
+            machine = find_machine()
+            summaries = {cell.id: store.read_summary(machine, cell) for cell in cells}
         self._known = {name: summary for name, summary in summaries.items() if summary}
 
     def seconds(self, cell: Cell) -> float:

@@ -12,14 +12,16 @@ of its adapter, which a thread of its own runs once.
 
 from __future__ import annotations
 
+import os
 import sysconfig
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
+from threading import Thread
 from typing import Any
 
 from harness.machine import process, this_machine
@@ -46,8 +48,10 @@ SIGNAL_SECONDS = 1.0  # a signal that another thread took is obeyed when this on
 
 def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Observer) -> tuple[CellRecord, ...]:
     """Bring every cell as far as `settings.until`; the records come in the order of the cells."""
-    here = this_machine.facts()
-    store.save_machine(here.id, here.facts)
+    if os.environ.get(process.FORCED):
+        process.sandbox_mode()  # a mistake there is said at once
+    looks = Thread(target=_look, args=(store,), name="looks", daemon=True)
+    looks.start()
     flow = Flow(Runner(store, settings, observer))
     left = [cell for cell in cells if not flow.report_stored(cell)]
     if left:
@@ -55,8 +59,16 @@ def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Obser
         controls.cells()  # a mistake in what they are is said now, not in the middle
         sysconfig.get_config_vars()  # its first use is not safe in threads, and finding uv is one
         process.get_ready()
-        flow.run(left, Past(store, here.id, left))
+        flow.run(left, Past(store, lambda: this_machine.facts().id, left))
+    looks.join()
     return tuple(flow.records[cell.id] for cell in cells)
+
+
+def _look(store: Store) -> None:
+    """Look at this machine, and keep what it is. What fails here fails again, and is told, where it is asked for."""
+    with suppress(Exception):
+        here = this_machine.facts()
+        store.save_machine(here.id, here.facts)
 
 
 def _tell_of_old_results(store: Store, observer: Observer) -> None:

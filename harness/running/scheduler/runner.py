@@ -217,18 +217,27 @@ class Runner(Workshop):
     # --- the way of a cell -----------------------------------------------------------------------------------------
 
     def _prepared(self, cell: Cell) -> Steps[Prepared]:
-        record = CellRecord(cell=cell, machine=this_machine.facts().id)
         interpreter = yield from self._interpreter(cell)
         missing = interpreter if isinstance(interpreter, str) else _missing(cell)
         if isinstance(interpreter, str) or missing:
+            record = CellRecord(cell=cell, machine=this_machine.facts().id)
             return Prepared(record=replace(record, unavailable=missing, cases=not_reached(cell)))
-        record = replace(record, python=interpreter.version, brought=self.luggage.of(cell))
+        brought = self.luggage.of(cell)
         full_cell, tested = yield from self._complete_question(cell, interpreter)
         if isinstance(tested, Step):
+            record = CellRecord(cell=cell, machine=this_machine.facts().id, python=interpreter.version, brought=brought)
             return Prepared(record=stopped_record(record, tested))
         fetched = self.settings.fetched
         lock, step = fetched.answer(cell) if fetched else (yield from self.lock(full_cell.question, interpreter))
-        record = replace(record, subject=tested.tested if tested else None, resolve=step)
+        # What takes looks at this machine comes after the first resolution, beside which they are made.
+        record = CellRecord(
+            cell=cell,
+            machine=this_machine.facts().id,
+            python=interpreter.version,
+            brought=brought,
+            subject=tested.tested if tested else None,
+            resolve=step,
+        )
         if lock is None:
             return Prepared(record=stopped_record(record, step))
         hashes = (one.artifact.sha256 for one in lock.pins)
