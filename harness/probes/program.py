@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from threading import Lock
 
 import msgspec
 
@@ -86,10 +87,18 @@ def digest(api: str, check: str) -> str:
     return own().digest(api, check)
 
 
-@cache
 def own() -> Program:
-    """Return the in-cell program of this installation."""
+    """Return the in-cell program of this installation. One thread reads it, however many ask."""
+    with _reading:
+        return _own()
+
+
+@cache
+def _own() -> Program:
     return read(INCELL)
+
+
+_reading = Lock()
 
 
 def read(folder: Path) -> Program:

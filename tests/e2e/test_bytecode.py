@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.packages.environments import bytecode, bytecode_tree
+from harness.packages.environments import bytecode, bytecode_tree, first_sources
 from harness.packages.environments.bytecode import RunFolders, Source
 from harness.packages.environments.bytecode_tree import TABLE, read_tree
 
@@ -22,6 +22,8 @@ def source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Source:
     """Return an environment of one module, and this Python."""
     monkeypatch.setenv("HARNESS_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(bytecode, "WORTH", 1)
+    (tmp_path / "first.txt").touch()
+    monkeypatch.setattr(first_sources, "FILE", tmp_path / "first.txt")
     folder = tmp_path / "environment"
     (folder / "package").mkdir(parents=True)
     (folder / "package/__init__.py").write_text(MODULE)
@@ -67,6 +69,27 @@ def test_byte_code_of_a_run_is_there_for_the_next(source: Source) -> None:
         imported(lent, folder)
         assert pyc(lent, folder).stat().st_mtime_ns == before  # it was good as it was
     assert not list(source.cache.glob("simmatrix-*"))
+
+
+def test_a_first_run_of_a_listed_package_has_it(source: Source) -> None:
+    """Sources that runs of a package needed elsewhere are compiled before the first run here."""
+    (folder,) = source.folders
+    library = folder / first_sources.libraries(source.python.resolve())[1] / "site-packages"
+    for name in ("listed", "other"):
+        (library / name).mkdir(parents=True)
+        (library / name / "__init__.py").write_text(MODULE)
+    lines = (
+        "[absent]",
+        "packages/other/__init__.py",
+        "[listed]",
+        "packages/listed/__init__.py",
+        "standard/json/decoder.py",
+    )
+    first_sources.FILE.write_text("\n".join((*lines, "packages/listed/gone.py")))
+    with bytecode.lend_folders(source, folder, "t") as lent:
+        code = sorted(path.name.partition(".")[0] for path in lent.prefix.rglob("*.pyc"))
+        assert code == ["__init__", "decoder"]
+        assert [path.parent.name for path in lent.prefix.rglob("__init__.*.pyc")] == ["listed"]
 
 
 def test_a_copy_of_an_environment_has_it_in_its_own_place(source: Source, tmp_path: Path) -> None:

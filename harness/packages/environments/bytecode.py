@@ -15,22 +15,25 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import sys
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
 from harness.machine import process
 from harness.machine.files.guarded_files import read
 from harness.machine.files.scratch_folders import remove_folder, scratch_folder
-from harness.machine.store import own_folders, write_atomic
+from harness.machine.store import cache_folder, own_folders, write_atomic
 from harness.model.hostile_data import Unreadable, raise_unreadable
 from harness.model.vocabulary import INCELL
+from harness.packages.environments import first_sources
 from harness.packages.environments.bytecode_tree import TABLE, File, Linked, Tree, read_tree, sweep, write_tree
 
 PREFIX = "PYTHONPYCACHEPREFIX"
-NAMES, ORIGIN = "names", "origin"
+FOLDER, NAMES, ORIGIN = "pycache", "names", "origin"
 OWN = f"{INCELL}/"
 OTHERS = 4
 """Environments of which byte code is taken, those used last."""
@@ -259,11 +262,11 @@ def _of_others(source: Source) -> dict[str, Linked]:
 
 
 def _likely(source: Source) -> set[str]:
-    """Return the sources that runs in other environments needed and that this one has, too, before its first run."""
-    ours = _libraries(source.python.resolve())
-    likely = set()
+    """Return the sources that a first run probably needs: those of runs elsewhere, where this environment has them."""
+    python = source.python.resolve()
+    ours, likely = first_sources.libraries(python), first_sources.load(python, partial(_size, source))
     for cache, origin in islice(_others(source), OTHERS):
-        theirs = _libraries(Path(origin[0]))
+        theirs = first_sources.libraries(Path(origin[0]))
         likely |= {_translate(name, theirs, ours) for name in _names(cache)}
     return {name for name in likely if _size(source, name)}
 
@@ -274,12 +277,6 @@ def _translate(name: str, theirs: Iterable[str], ours: Iterable[str]) -> str:
         if name.startswith(their):
             return our + name[len(their) :]
     return name
-
-
-def _libraries(python: Path) -> tuple[str, str]:
-    """Return how the names of sources begin: those of the standard library, and those of an environment."""
-    library = f"lib/{python.name.removesuffix('d')}/"
-    return f"{python.parents[1]}/{library}", library
 
 
 def _is_shared(name: str, ours: Iterable[str], theirs: Iterable[str]) -> bool:
@@ -384,3 +381,13 @@ def _read_list(path: Path) -> list[str]:
     except Unreadable:
         return []
     return [text for text in content if isinstance(text, str)] if isinstance(content, list) else []
+
+
+def main() -> None:
+    """Write what the runs of a package needed, which are those of this cache, into the list of first sources."""
+    origins = list((cache_folder() / FOLDER).glob(f"*/{ORIGIN}"))
+    first_sources.write(sys.argv[1], ((Path(_read_list(file)[0]), _names(file.parent)) for file in origins))
+
+
+if __name__ == "__main__":
+    main()

@@ -28,6 +28,7 @@ from harness.machine import process, this_machine
 from harness.machine.files.file_locks import Claim, claim
 from harness.machine.store import Store, digest
 from harness.model import Cell, CellRecord, ControlRecord, Phase
+from harness.probes import program
 from harness.probes.vault import Vault
 from harness.running import controls
 from harness.running.scheduler import cell_faults
@@ -69,6 +70,7 @@ def _look(store: Store) -> None:
     with suppress(Exception):
         here = this_machine.facts()
         store.save_machine(here.id, here.facts)
+        program.own()  # digested once for all runs, while the first resolutions are waited for
 
 
 def _tell_of_old_results(store: Store, observer: Observer) -> None:
