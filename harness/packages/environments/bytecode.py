@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from threading import Lock
 
 from harness.machine import process
 from harness.machine.files.guarded_files import read
@@ -141,6 +142,19 @@ def lend_folders(source: Source, shown: Path, trust: str, *, covered: bool = Fal
         before = {*_pyc_files(folders.prefix)}
         yield folders
         note(source, (path for path in _pyc_files(folders.prefix) if path not in before), shown)
+
+
+def compile_ahead(source: Source) -> None:
+    """Compile what the first run of an environment will probably need.
+
+    Environments of one Python come one after the other, as the second one takes what it shares from the first.
+    """
+    with _turns.setdefault(source.python.resolve(), Lock()), suppress(OSError):
+        source.cache.mkdir(parents=True, exist_ok=True)
+        _grown(source)
+
+
+_turns: dict[Path, Lock] = {}
 
 
 def note(source: Source, compiled: Iterable[str], shown: Path | None = None) -> None:

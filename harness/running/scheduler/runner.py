@@ -334,7 +334,7 @@ class Runner(Workshop):
             if whole and not other_drawing.due(complete):
                 return Prepared(record=complete)
         # Made in this stage: otherwise a probe would make it while it holds a slot.
-        yield from pending(lambda: self._place(pool, tested))
+        yield from pending(lambda: self._make_ready(record, pool, tested))
         claims = {case_run.claim(context, case) for case, one in zip(cases, stored, strict=True) if one is None}
         return Prepared(
             record=record,
@@ -390,6 +390,12 @@ class Runner(Workshop):
         from harness.running.scheduler import subject_in_cell  # noqa: PLC0415 - start-up
 
         return subject_in_cell.on_top(self, pool, tested), pool.environment()
+
+    def _make_ready(self, record: CellRecord, pool: Pool, tested: SubjectWheel | None) -> None:
+        """Make the environment that a cell is probed in, and compile what a new one is known to need."""
+        environment, below = self._place(pool, tested)
+        if not environment.reused:
+            bytecode.compile_ahead(self._site(record, environment, below).byte_code)
 
     def _variables(self, record: CellRecord) -> dict[str, str]:
         given = {**this_machine.base_environment(record.cell.needs), **record.supplied, **record.cell.environment}
