@@ -99,7 +99,7 @@ def main(args: argparse.Namespace) -> int:
     chosen = _chosen(args, plans, opened, layer)
     earlier = partial(_earlier_seconds, args.matrices, plans, chosen, opened)
     with progress.Progress(len(chosen), settings.jobs, progress.headline, earlier) as board:
-        records = scheduler.run(chosen, opened, settings, board)
+        records = scheduler.run(chosen, opened, settings, board, _load_report)
     if args.prove:
         plans, more = _run_remedies(plans, records, opened, settings)
         records = (*records, *more)
@@ -109,6 +109,13 @@ def main(args: argparse.Namespace) -> int:
     from harness.reports import publishing  # noqa: PLC0415 - start-up: the report comes after the last cell
 
     return publishing.finish(plans, records, opened, publishing.Wanted.of(args))
+
+
+def _load_report() -> None:
+    """Import what makes the report, which takes a while."""
+    from harness.reports import publishing  # noqa: PLC0415 - start-up
+
+    publishing.load()
 
 
 def _open_fetched(folder: Path) -> Fetched:

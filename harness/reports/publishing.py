@@ -124,6 +124,15 @@ def _rewritten(report: Document, folder: Path, note: Path, made_of: str) -> Docu
     return report
 
 
+def load() -> None:
+    """Import what `publish` and `finish` need for a report that is made anew."""
+    import jinja2  # noqa: F401, PLC0415 - start-up
+    import rich.console  # noqa: F401, PLC0415 - start-up
+
+    from harness.reports import behaviour  # noqa: F401, PLC0415 - start-up
+    from harness.reports.pictures import boundaries  # noqa: F401, PLC0415 - start-up
+
+
 def pack(report: Document, plan: Plan, records: Iterable[CellRecord], opened: Store, folder: Path) -> None:
     """Store the evidence of a report beside it, so that it can be judged again without this state folder."""
     from harness.reports import packs  # noqa: PLC0415 - start-up

@@ -47,13 +47,22 @@ LOOK_SECONDS = 0.25
 SIGNAL_SECONDS = 1.0  # a signal that another thread took is obeyed when this one runs again
 
 
-def run(cells: Sequence[Cell], store: Store, settings: Settings, observer: Observer) -> tuple[CellRecord, ...]:
-    """Bring every cell as far as `settings.until`; the records come in the order of the cells."""
+def run(
+    cells: Sequence[Cell],
+    store: Store,
+    settings: Settings,
+    observer: Observer,
+    meanwhile: Callable[[], None] = lambda: None,
+) -> tuple[CellRecord, ...]:
+    """Bring every cell as far as `settings.until`; the records come in the order of the cells.
+
+    `meanwhile` is called once a core has nothing more to do and another one still has.
+    """
     if os.environ.get(process.FORCED):
         process.sandbox_mode()  # a mistake there is said at once
     looks = Thread(target=_look, args=(store,), name="looks", daemon=True)
     looks.start()
-    flow = Flow(Runner(store, settings, observer))
+    flow = Flow(Runner(store, settings, observer), meanwhile)
     left = [cell for cell in cells if not flow.report_stored(cell)]
     if left:
         _tell_of_old_results(store, observer)
@@ -100,8 +109,9 @@ class _Probing:
 class Flow:
     """The cells on their way, seen and changed by one thread only."""
 
-    def __init__(self, runner: Runner) -> None:
+    def __init__(self, runner: Runner, meanwhile: Callable[[], None] = lambda: None) -> None:
         self.runner, self.controlled = runner, ControlledRunner(runner)
+        self.meanwhile: Callable[[], None] | None = meanwhile
         self.records: dict[str, CellRecord] = {}
         settings = runner.settings
         memory = settings.reading if settings.jobs == AUTO else None
@@ -136,6 +146,9 @@ class Flow:
             while self.groups or self.preparing or self.ready or self.probing or self.elsewhere or self.controlling:
                 self._prepare()
                 self._probe()
+                if self.meanwhile and self._has_idle_core():
+                    self.meanwhile()
+                    self.meanwhile = None
                 self._wait()
 
     def _grouped(self, cells: Sequence[Cell]) -> list[list[Cell]]:
@@ -144,6 +157,10 @@ class Flow:
         for cell in sorted(cells, key=lambda cell: self.order[cell.id]):
             groups.setdefault((digest(cell.question, cell.subject), cell.python), []).append(cell)
         return list(groups.values())
+
+    def _has_idle_core(self) -> bool:
+        """Return whether the last probes leave a core to others, until they end."""
+        return not (self.groups or self.preparing or self.ready) and 0 < len(self.probing) < self.room.slots
 
     # --- the first stage -------------------------------------------------------------------------------------------
 
