@@ -21,7 +21,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -29,7 +28,7 @@ import fakecells
 
 from harness.__main__ import GARBAGE
 from harness.machine import store, this_machine
-from harness.model import Cell, CellRecord
+from harness.model import Cell, CellRecord, replace
 from harness.reports import document, publishing
 from harness.reports.text import progress
 from harness.running import open_matrix

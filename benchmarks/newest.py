@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -23,7 +23,7 @@ from packaging.version import Version
 
 from harness.judging.assess import Assessed, assess
 from harness.machine import store, this_machine
-from harness.model import Case, Cell, CellRecord, Verdict
+from harness.model import Case, Cell, CellRecord, Verdict, replace
 from harness.model.errors import HarnessError
 from harness.model.vocabulary import parsed_requirement
 from harness.packages import index

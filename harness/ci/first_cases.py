@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from packaging.version import Version
@@ -15,7 +15,7 @@ from harness.judging.counted_phases import reason
 from harness.machine import interpreters
 from harness.machine.store import Store
 from harness.matrix import plan
-from harness.model import Case, Cell, Outcome, Phase, Subject
+from harness.model import Case, Cell, Outcome, Phase, Subject, replace
 from harness.model.errors import HarnessError
 from harness.model.report_types import format_count
 from harness.model.vocabulary import HOST

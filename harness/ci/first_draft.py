@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from harness.ci import drafts, first_cases, first_values, workflows
@@ -11,6 +10,7 @@ from harness.ci.drafts import Case, Draft, Project, Range
 from harness.ci.drafts.values import exclude, narrow
 from harness.ci.first_cases import FirstCases, Scout
 from harness.machine import interpreters, store
+from harness.model import replace
 from harness.model.errors import BadInput, HarnessError
 from harness.model.vocabulary import GYM, GYMNASIUM, HOST
 from harness.packages import index

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 
 from harness.machine import interpreters
 from harness.machine.store import Store
-from harness.model import Cell, Interpreter, Outcome, Phase
+from harness.model import Cell, Interpreter, Outcome, Phase, replace
 from harness.model.vocabulary import required_name
 from harness.running.scheduler import Observer, Runner, Settings
 

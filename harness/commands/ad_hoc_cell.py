@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from packaging.specifiers import SpecifierSet
@@ -17,7 +17,7 @@ from harness.machine.console import tell
 from harness.machine.files import given_files
 from harness.machine.store import Store
 from harness.matrix import overlay_recipes, plan
-from harness.model import Case, Cell, Outcome, Phase, Plan, Repair, Subject
+from harness.model import Case, Cell, Outcome, Phase, Plan, Repair, Subject, replace
 from harness.model.errors import BadInput
 from harness.model.schema import locate_errors
 from harness.model.vocabulary import APIS, FAMILY, GYM, GYMNASIUM, HOST, InnerPath, PackageName, version_text

@@ -6,7 +6,7 @@ import argparse
 import shlex
 import sys
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -16,7 +16,7 @@ from harness.judging.assess import assess
 from harness.machine import interpreters, store
 from harness.machine.store import Store
 from harness.matrix import plan
-from harness.model import Cell, Change, Interpreter
+from harness.model import Cell, Change, Interpreter, replace
 from harness.model.cellid import CellId
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.schema import locate_errors

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -12,7 +12,7 @@ import msgspec
 from harness.commands import find_cell
 from harness.commands.freeze import exit_code
 from harness.machine import store, this_machine
-from harness.model import Case, Cell
+from harness.model import Case, Cell, replace
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.vocabulary import DRAW
 from harness.physics import families, pixel_sentences, pixels, sentences

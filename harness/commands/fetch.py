@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Sequence
-from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from harness.commands.select_cells import committed_report, durations, select
 from harness.machine import store
 from harness.machine.console import tell
 from harness.machine.files.file_locks import exclusive
-from harness.model import Cell, CellRecord, Phase, Plan
+from harness.model import Cell, CellRecord, Phase, Plan, replace
 from harness.model.errors import BadInput
 from harness.model.report_types import format_count
 from harness.reports.text import progress

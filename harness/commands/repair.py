@@ -6,7 +6,6 @@ import argparse
 import shlex
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -14,7 +13,7 @@ import msgspec
 from harness.commands import ad_hoc_cell, arguments, find_cell
 from harness.machine import store
 from harness.machine.store import Store
-from harness.model import Cell, CellRecord
+from harness.model import Cell, CellRecord, replace
 from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.reports.text import progress

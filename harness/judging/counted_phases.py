@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Set
-from dataclasses import replace
 from functools import cache
 
 from harness.judging.discount import discount_phase
@@ -19,6 +18,7 @@ from harness.model import (
     Phase,
     PhaseRecord,
     Step,
+    replace,
 )
 from harness.model.vocabulary import MISLEADING
 

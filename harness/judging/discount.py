@@ -7,11 +7,10 @@ that needs `single` is believed.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from harness.judging.runs import misleading
 from harness.judging.runs.check import NEEDS, phase_of
-from harness.model import FAILING, CheckRecord, ControlRecord, Outcome, Phase, PhaseRecord
+from harness.model import FAILING, CheckRecord, ControlRecord, Outcome, Phase, PhaseRecord, replace
 from harness.model.vocabulary import MISLEADING
 
 

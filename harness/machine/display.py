@@ -10,12 +10,13 @@ import secrets
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic, sleep
 
 from harness.machine.files.guarded_files import log_text
 from harness.machine.process import Command, Completed, Limits, Profile, Running, start
+from harness.model import replace
 
 VARIABLE, AUTHORITY = "DISPLAY", "XAUTHORITY"
 VIRTUAL, OWN = "virtual", "own"

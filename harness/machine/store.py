@@ -11,7 +11,7 @@ import logging
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from time import time
@@ -22,7 +22,7 @@ import msgspec
 from harness.machine.files import guarded_files
 from harness.machine.files.cache_path import cache_path
 from harness.machine.files.file_locks import exclusive
-from harness.model import Cell, CellRecord, Finding, Interpreter, Lock, Outcome, Question, Step, cellid
+from harness.model import Cell, CellRecord, Finding, Interpreter, Lock, Outcome, Question, Step, cellid, replace
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from typing import Any
 
 from harness.matrix import overlay_recipes
-from harness.model import Cell, Change, Question, Repair
+from harness.model import Cell, Change, Question, Repair, replace
 from harness.model.cellid import CellId
 from harness.model.vocabulary import parsed_requirement, required_name
 from harness.standalone.failures.remedies import describe_steps

@@ -6,12 +6,13 @@ normalised (PEP 440), package names are normalised (PEP 503).
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, structs
 from msgspec.structs import asdict
 
 from harness.model.cellid import CellId
@@ -35,6 +36,17 @@ else:
         Requirement,
         Variables,
     )
+
+
+V = TypeVar("V")
+
+
+def replace(value: V, **changes: Any) -> V:
+    """Return a copy of a value, a struct or a dataclass, with other fields."""
+    # A struct knows no `dataclasses.replace`, and a dataclass no `structs.replace`.
+    copied: Any = value
+    changed: V = (structs.replace if isinstance(value, Struct) else dataclasses.replace)(copied, **changes)
+    return changed
 
 
 class Phase(StrEnum):
@@ -146,8 +158,7 @@ class Finding:
 # --- what is asked for -----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Case:
+class Case(Struct, frozen=True, kw_only=True):
     """One environment tried in a cell.
 
     `checks` are names like `vector.sync`, the part before the dot being their phase. `required` names finding
@@ -162,14 +173,14 @@ class Case:
     id: str
     env: str | None
     api: str
-    kwargs: Mapping[str, Any] = field(default_factory=dict)
+    kwargs: Mapping[str, Any] = {}
     checks: tuple[str, ...] = ()
     required: tuple[str, ...] = ()
     imports: tuple[str, ...] = ()
     packages: tuple[str, ...] = ()
     providers: tuple[str, ...] = ()
     beside: tuple[str, ...] = ()
-    timeouts: Mapping[Phase, float] = field(default_factory=dict)
+    timeouts: Mapping[Phase, float] = {}
     picture: Mapping[str, str] | None = None
     bank: str | None = None
     policy: Mapping[str, Any] | None = None
@@ -204,8 +215,7 @@ class IndexSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     no_index: bool = False
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Edit:
+class Edit(Struct, frozen=True, kw_only=True):
     """A repair of metadata lines: those of `field` that begin with `old` begin with `new` afterwards."""
 
     field: str
@@ -213,8 +223,7 @@ class Edit:
     new: str
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Repair:
+class Repair(Struct, frozen=True, kw_only=True):
     """A release that no resolver accepts, made acceptable by editing lines of its wheel's metadata.
 
     `origin` and `wheel` are SHA-256: of the file that the index has, and of the wheel once repaired. An sdist is built
@@ -234,8 +243,7 @@ class Repair:
     link: str
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Question:
+class Question(Struct, frozen=True, kw_only=True):
     """The inputs of a resolution, except the interpreter: equal questions on one interpreter have one lock.
 
     `snapshot` is the cutoff instant. `torch_backend` is uv's (`cpu`, `cu126`, ...); `cpu` is the default: a CPU build
@@ -247,12 +255,12 @@ class Question:
     constraints: tuple[str, ...] = ()
     overrides: tuple[str, ...] = ()
     build_constraints: tuple[str, ...] = ()
-    build_variables: Mapping[str, str] = field(default_factory=dict)
+    build_variables: Mapping[str, str] = {}
     only_binary: tuple[str, ...] = ()
     absent: tuple[str, ...] = ()
     resolution: str = "highest"
     prerelease: str = "if-necessary-or-explicit"
-    index: IndexSettings = field(default_factory=IndexSettings)
+    index: IndexSettings = IndexSettings()
     torch_backend: str = "cpu"
     snapshot: str | None = None
     overlay: tuple[Repair, ...] = ()
@@ -269,8 +277,7 @@ class Suite(Struct, frozen=True, kw_only=True):
     memory_mb: Annotated[int, Meta(ge=64, description="of all its processes together")] = 6000
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Subject:
+class Subject(Struct, frozen=True, kw_only=True):
     """The package under test as a cell takes it: put on top of the cell's packages, never in a lock.
 
     `source` is a folder, a wheel or a repository (`git+ADDRESS@REFERENCE`). Once it was looked at, `state` is a hash
@@ -286,8 +293,7 @@ class Subject:
     changed: bool = False
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Bring:
+class Bring(Struct, frozen=True, kw_only=True):
     """Something that the user has and no index does, such as a vendor's archive or a research project's checkout.
 
     `variable` of the user's names it (else `source` does): a folder, an archive or `git+ADDRESS@REFERENCE`; in the cell
@@ -345,8 +351,7 @@ class Change(Struct, frozen=True, kw_only=True):
         return {name: list(value) if isinstance(value, tuple) else value for name, value in values if value}
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Tried:
+class Tried(Struct, frozen=True, kw_only=True):
     """The change that makes a cell of another one, and why it is tried; `advice` is what people say helps.
 
     `also` says in words what it changes besides. Where it is tried for `proving` a remedy, nothing is expected of it.
@@ -361,8 +366,7 @@ class Tried:
     proving: bool = False
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Cell:
+class Cell(Struct, frozen=True, kw_only=True):
     """One combination, ready to run. `python` is as asked for (`3.11`, `3.11.7`, `host`).
 
     `system` are packages of Debian's that it needs. `empty` are variables that are set, to the empty string,
@@ -380,7 +384,7 @@ class Cell:
     cases: tuple[Case, ...]
     needs: tuple[str, ...] = ()
     system: tuple[str, ...] = ()
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = {}
     empty: tuple[str, ...] = ()
     python_path: tuple[str, ...] = ()
     bring: tuple[Bring, ...] = ()
@@ -404,8 +408,7 @@ class Dropped(Struct, frozen=True, kw_only=True, omit_defaults=True):
     count: int = 1
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Plan:
+class Plan(Struct, frozen=True, kw_only=True):
     """Everything a matrix stands for: cells to run, combinations dropped, expectations that match no cell.
 
     `snapshot` is the cutoff that the matrix itself, or its expansion, names, `pivot` the axes of its small table,
@@ -425,14 +428,13 @@ class Plan:
     title: str = ""
     page: str | None = None
     variants: frozenset[str] = frozenset()
-    banks: Mapping[str, str] = field(default_factory=dict)
+    banks: Mapping[str, str] = {}
 
 
 # --- what was found --------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Interpreter:
+class Interpreter(Struct, frozen=True, kw_only=True):
     """A Python that exists here. `identity` changes whenever another build of Python stands at `path`."""
 
     path: str
@@ -446,8 +448,7 @@ class Interpreter:
         return ".".join(self.version.split(".")[:2])
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Artifact:
+class Artifact(Struct, frozen=True, kw_only=True):
     """One file of a release: a wheel, or an sdist to be built. `source` is an address or a path, never committed."""
 
     filename: str
@@ -462,8 +463,7 @@ class Artifact:
         return self.filename.endswith(".whl")
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Pin:
+class Pin(Struct, frozen=True, kw_only=True):
     """One package of a lock: the artifact that this interpreter takes, and the hashes of all that the lock allows."""
 
     name: str
@@ -472,8 +472,7 @@ class Pin:
     hashes: tuple[str, ...]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Lock:
+class Lock(Struct, frozen=True, kw_only=True):
     """A full resolution, pinned and hashed; `requirements` is its committed form, `sha256` is of that text.
 
     `escaped` names packages from find-links or an index without upload times, to which the cutoff did not apply.
@@ -491,8 +490,7 @@ class Lock:
         return {pin.name: pin.version for pin in self.pins}
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Step:
+class Step(Struct, frozen=True, kw_only=True):
     """The result of a step on the host (resolve, build, install) that did not succeed, or has something to report.
 
     `decisive` is the one line that says why; `log` is a path below the state folder. `conditions` marks the system
@@ -509,8 +507,7 @@ class Step:
     reused: bool = False
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CheckRecord:
+class CheckRecord(Struct, frozen=True, kw_only=True):
     """One check of one case. `facts` are what it measured (shapes, digests, start method).
 
     `observed` is what the cell said of its decisive line, where that is our own and no library's.
@@ -521,12 +518,11 @@ class CheckRecord:
     seconds: float = 0.0
     decisive: str | None = None
     masked_by: str | None = None
-    facts: Mapping[str, Any] = field(default_factory=dict)
+    facts: Mapping[str, Any] = {}
     observed: Observation | None = None
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class PhaseRecord:
+class PhaseRecord(Struct, frozen=True, kw_only=True):
     """One phase of one case, as stored and reused. `frames` and `evidence` are paths below the state folder.
 
     `peak_mb` is the most memory that the processes of its probe held together. `runs` are the probe runs that a suite
@@ -548,8 +544,7 @@ class PhaseRecord:
     reused: bool = False
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CaseRecord:
+class CaseRecord(Struct, frozen=True, kw_only=True):
     """One case of a cell, with a record for each phase of `CASE_PHASES`; `runs` are the probe runs it was judged by."""
 
     case: str
@@ -560,8 +555,7 @@ class CaseRecord:
     runs: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Tested:
+class Tested(Struct, frozen=True, kw_only=True):
     """The wheel of the subject that a cell was measured with; equal files have equal `content`, whatever the wheel."""
 
     name: str
@@ -587,8 +581,7 @@ class ControlRecord(Control, frozen=True, kw_only=True):
     passed: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CellRecord:
+class CellRecord(Struct, frozen=True, kw_only=True):
     """All that is known of one cell on one machine; the verdict is computed from it, never stored alone.
 
     `resolve` and `install` are None when nothing of the cell was run. `suite` is there where the cell's subject has one
@@ -600,7 +593,7 @@ class CellRecord:
     cell: Cell
     machine: str
     python: str | None = None
-    supplied: Mapping[str, str] = field(default_factory=dict)
+    supplied: Mapping[str, str] = {}
     installed: Mapping[str, str] | None = None
     lock: str | None = None
     lock_sha256: str | None = None
@@ -614,7 +607,7 @@ class CellRecord:
     brought: tuple[Brought, ...] = ()
     suite: PhaseRecord | None = None
     findings: tuple[Finding, ...] = ()
-    controls: Mapping[str, ControlRecord] = field(default_factory=dict)
+    controls: Mapping[str, ControlRecord] = {}
     measured: str | None = None
     mark: str | None = None
     reused: bool = False
@@ -624,8 +617,7 @@ class CellRecord:
 # --- between the two worlds ------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ProbeRequest:
+class ProbeRequest(Struct, frozen=True, kw_only=True):
     """The work of one in-cell process: some checks of one case.
 
     `folder` is where the reply (`reply.jsonl`), worker files and arrays go; `limits` maps a check to its seconds.
@@ -636,13 +628,12 @@ class ProbeRequest:
     checks: tuple[str, ...]
     folder: str
     limits: Mapping[str, float]
-    followers: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    followers: Mapping[str, tuple[str, ...]] = {}
     num_envs: int = 2
     vector_steps: int = 20
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Raised:
+class Raised(Struct, frozen=True, kw_only=True):
     """An exception as the cell reported it: `blame` is `library`, or `harness` when our own code raised it."""
 
     type: str
@@ -651,8 +642,7 @@ class Raised:
     blame: str
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class WorkerRecord:
+class WorkerRecord(Struct, frozen=True, kw_only=True):
     """The end of one worker process of a vector environment: its own first exception, signal or exit code.
 
     `reached` is the last of `start`, `constructor`, `constructed`, `reset`, `step` that it came to. `exit_code` is as
@@ -667,8 +657,7 @@ class WorkerRecord:
     observed: Observation | None = None
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CheckReply:
+class CheckReply(Struct, frozen=True, kw_only=True):
     """One check as the cell reported it; `outcome` None means it was started and never ended.
 
     `observed` is why it was skipped, or failed without an exception of a library; `reason` or `raised` has the words.
@@ -680,12 +669,11 @@ class CheckReply:
     raised: Raised | None = None
     reason: str | None = None
     workers: tuple[WorkerRecord, ...] = ()
-    facts: Mapping[str, Any] = field(default_factory=dict)
+    facts: Mapping[str, Any] = {}
     observed: Observation | None = None
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ProbeReply:
+class ProbeReply(Struct, frozen=True, kw_only=True):
     """A whole reply, read as hostile data. `complete` is whether the last line was there.
 
     `during` names the check that ran, or had ended last, when each of the findings was made.

@@ -13,7 +13,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -29,7 +29,7 @@ from packaging.utils import (
 from packaging.version import Version
 
 from harness.machine.store import sha256_of
-from harness.model import Artifact, IndexSettings
+from harness.model import Artifact, IndexSettings, replace
 from harness.model.errors import BadInput, CouldNotTell
 from harness.packages.index_settings import NOTHING, UserIndex, combine
 from harness.packages.network_bounds import MOST_PAGE, Overdue, Watch, in_time

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from email.parser import HeaderParser
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from harness.model import (
     Step,
     Subject,
     Tested,
+    replace,
     requirement_texts,
     schema,
 )

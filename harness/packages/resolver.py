@@ -12,7 +12,7 @@ import re
 import shutil
 import tomllib
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -22,7 +22,7 @@ from packaging.utils import canonicalize_name, parse_wheel_filename
 from packaging.version import Version
 
 from harness.machine.store import cache_folder, digest
-from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
+from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step, replace
 from harness.model.errors import CouldNotTell
 from harness.packages import index, index_settings, locks, uv_command, uv_failures
 

@@ -7,7 +7,7 @@ import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -20,7 +20,7 @@ from harness.machine import display, process
 from harness.machine.files.guarded_files import Folder
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import digest, own_folders
-from harness.model import Case, Phase, ProbeReply, ProbeRequest, decoding
+from harness.model import Case, Phase, ProbeReply, ProbeRequest, decoding, replace
 from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 from harness.packages.environments import bytecode
 from harness.packages.environments.site_packages import LEADS_ON

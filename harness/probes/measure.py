@@ -6,12 +6,12 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from harness.machine import process
 from harness.machine.store import now
-from harness.model import Outcome
+from harness.model import Outcome, replace
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import DRAW, STEP
 from harness.packages.environments import bytecode

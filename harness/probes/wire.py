@@ -28,7 +28,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
@@ -49,6 +49,7 @@ from harness.model import (
     Raised,
     WorkerRecord,
     decoding,
+    replace,
 )
 from harness.model.hostile_data import Unreadable, json_object, raise_unreadable, shallow
 from harness.model.words import VIOLATION, sentence

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections import Counter
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from hashlib import sha256
@@ -35,6 +34,7 @@ from harness.model import (
     Verdict,
     cellid,
     decoding,
+    replace,
     schema,
 )
 from harness.model.cellid import CellId
@@ -129,7 +129,7 @@ def marks() -> Callable[[Cell], str]:
         later = (cell.system, cell.empty, cell.python_path, cell.bring)
         key = tuple(map(id, (cell.question, cell.cases, cell.files, cell.needs, *later)))  # shared between cells
         if key not in cache:
-            question = dataclasses.replace(cell.question, index=IndexSettings(), snapshot=None)
+            question = replace(cell.question, index=IndexSettings(), snapshot=None)
             # An empty later field adds nothing, so a cell without it keeps the mark that older reports hold.
             around = (cell.files, cell.needs, *filter(None, later))
             content = msgspec.json.encode((question, cell.cases, *around), order="deterministic")
@@ -389,7 +389,6 @@ def relocate(document: Document, locate: Locate) -> Document:
 
 def relocate_cell(cell: CellEntry, locate: Locate) -> CellEntry:
     """Return a cell with every path replaced by `locate(path)`; one that becomes empty is left out."""
-    replace = msgspec.structs.replace
 
     def moved(path: str | None) -> str | None:
         return (locate(path) or None) if path else None

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from harness.judging.runs import case as judging
@@ -17,7 +17,7 @@ from harness.machine import store
 from harness.machine.console import tell
 from harness.machine.files.scratch_folders import scratch_folder
 from harness.machine.store import Store
-from harness.model import CaseRecord, Cell, CellRecord, Plan
+from harness.model import CaseRecord, Cell, CellRecord, Plan, replace
 from harness.model.errors import BadInput, CouldNotTell, HarnessError
 from harness.model.hostile_data import Unreadable
 from harness.model.report_types import CellEntry, Document, first_few, format_count

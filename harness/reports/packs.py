@@ -14,7 +14,6 @@ import lzma
 import re
 import tarfile
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +21,7 @@ import msgspec
 
 from harness.machine.files import guarded_files
 from harness.machine.store import write_atomic, write_changed
-from harness.model import CaseRecord, CellRecord, Outcome, Phase, PhaseRecord, Plan, decoding
+from harness.model import CaseRecord, CellRecord, Outcome, Phase, PhaseRecord, Plan, decoding, replace
 from harness.model.errors import BadInput
 from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 from harness.probes.evidence import PICTURE

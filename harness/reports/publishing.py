@@ -8,7 +8,7 @@ import shutil
 import sys
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -22,7 +22,7 @@ from harness.judging.runs.check import phase_of
 from harness.machine import store, this_machine
 from harness.machine.files.file_locks import exclusive
 from harness.machine.store import Store
-from harness.model import CellRecord, Plan
+from harness.model import CellRecord, Plan, replace
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.model.report_types import Document, format_count
 from harness.model.vocabulary import IMPORT_CHECK

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic
 from types import TracebackType
@@ -14,7 +14,7 @@ from harness.judging.assess import Assessed, assess
 from harness.judging.identity import Failure
 from harness.machine import interpreters, process, this_machine
 from harness.machine.store import Store, cache_folder
-from harness.model import CASE_PHASES, Cell, CellRecord, ControlRecord, Outcome, Phase, Verdict
+from harness.model import CASE_PHASES, Cell, CellRecord, ControlRecord, Outcome, Phase, Verdict, replace
 from harness.packages import locks
 from harness.running.scheduler import ControlledRunner, Observer, QuietObserver, Runner, Settings, StepObserver, steps
 from harness.running.scheduler.shared_environment import Pool

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from numpy.typing import NDArray
 
 from harness.judging.assess import assess
 from harness.machine.store import Store
-from harness.model import Case, CaseRecord, Cell, Phase
+from harness.model import Case, CaseRecord, Cell, Phase, replace
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.vocabulary import DRAW, IMPORT_CHECK, MAKE_BANK, PLAY, STEP
 from harness.physics.outputs import Bank

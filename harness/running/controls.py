@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -32,6 +31,7 @@ from harness.model import (
     PhaseRecord,
     Question,
     Verdict,
+    replace,
     schema,
 )
 from harness.model.errors import BadInput

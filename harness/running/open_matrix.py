@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import platform
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
@@ -17,7 +16,7 @@ from harness.machine.files import given_files, guarded_files
 from harness.machine.store import Store, now, write_atomic
 from harness.matrix import matrix_file, matrix_remedies, overlay_recipes, plan, policies, version_ranges
 from harness.matrix.matrix_types import Expansion, Matrix
-from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject
+from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject, replace
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable
 from harness.packages import index

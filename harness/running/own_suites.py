@@ -12,7 +12,7 @@ import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from harness.judging.runs.suite import CHECK, SOURCE
@@ -31,6 +31,7 @@ from harness.model import (
     Step,
     Subject,
     Suite,
+    replace,
 )
 from harness.model.errors import CouldNotTell
 from harness.model.hostile_data import Unreadable

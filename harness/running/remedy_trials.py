@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 
 from harness.judging.assess import Assessed
 from harness.matrix import changes
 from harness.matrix.signatures import Signature
-from harness.model import Cell, Change, Plan, Question, Repair, Tried
+from harness.model import Cell, Change, Plan, Question, Repair, Tried, replace
 
 Recipes = Mapping[str, tuple[Repair, ...]]
 

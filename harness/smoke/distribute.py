@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import Any
 
 import pytest
 from xdist.scheduler import LoadGroupScheduling  # type: ignore[import-untyped]
 
 from harness.machine.store import digest
-from harness.model import Cell
+from harness.model import Cell, replace
 from harness.model.errors import HarnessError
 from harness.running import scheduler
 from harness.running.scheduler import Runner

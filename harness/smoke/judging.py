@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 from harness.judging.assess import Assessed, assess
@@ -11,7 +11,18 @@ from harness.judging.counted_phases import find_observation, reason, step_outcom
 from harness.judging.expectation import is_over, matches_line
 from harness.judging.runs import misleading
 from harness.judging.runs.check import NEEDS
-from harness.model import CASE_PHASES, Cell, CellRecord, Expectation, Observation, Outcome, Phase, PhaseRecord, Verdict
+from harness.model import (
+    CASE_PHASES,
+    Cell,
+    CellRecord,
+    Expectation,
+    Observation,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Verdict,
+    replace,
+)
 
 POSSIBLE: Mapping[Verdict, frozenset[Phase]] = {
     Verdict.UNRESOLVABLE: frozenset({Phase.RESOLVE}),

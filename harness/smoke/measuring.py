@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Set
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 from threading import Lock, get_ident
 
 from harness.judging.runs.check import phase_of
 from harness.machine import interpreters, process
 from harness.machine.store import Store, question_key
-from harness.model import CASE_PHASES, Case, Cell, CellRecord, ControlRecord, Phase
+from harness.model import CASE_PHASES, Case, Cell, CellRecord, ControlRecord, Phase, replace
 from harness.probes import launch
 from harness.running.scheduler import ControlledRunner, QuietObserver, Runner, order, other_drawing
 from harness.smoke import judging

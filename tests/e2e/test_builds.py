@@ -3,7 +3,6 @@
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import wheelhouse as fakes
 from asking import expect_failure, expect_lock, install, question
 
 from harness.machine import process
-from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Step
+from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Step, replace
 from harness.packages import resolver
 from harness.packages.environments.environments import Environment
 from harness.packages.sources import builds

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +13,7 @@ from spine.commandline import closed_network, processes_of
 
 from harness.machine import display, gl_probe, this_machine
 from harness.machine.process import Command, Limits, Profile, run
+from harness.model import replace
 from harness.standalone.failures.lines import normalise
 
 PROBE = str(Path(gl_probe.__file__))

@@ -7,7 +7,6 @@ import zipfile
 from base64 import b64encode
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from hashlib import sha256
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
@@ -17,7 +16,7 @@ import wheelhouse as fakes
 from asking import expect_failure, expect_lock, install, question, send
 
 from harness.machine.files import file_locks
-from harness.model import Artifact, IndexSettings, Interpreter, Level, Lock, Outcome, Phase, Step
+from harness.model import Artifact, IndexSettings, Interpreter, Level, Lock, Outcome, Phase, Step, replace
 from harness.packages import download_notice, resolver, uv_command
 from harness.packages.environments import environment_damage, environments
 from harness.packages.environments.environments import Environment, Wheel, environment_key

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import recipes
 
 from harness.machine import interpreters
 from harness.matrix import overlay_recipes
-from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step
+from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Question, Step, replace
 from harness.packages.environments import environments
 from harness.packages.sources import overlays, wheel_patch
 

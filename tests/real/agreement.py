@@ -11,13 +11,13 @@ import json
 import sys
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from harness.judging.assess import assess
 from harness.machine import store
 from harness.matrix import plan
-from harness.model import Cell, CellRecord, Outcome, Phase
+from harness.model import Cell, CellRecord, Outcome, Phase, replace
 from harness.reports.text.markdown_texts import code_cell
 from harness.reports.text.progress import Progress, headline
 from harness.running import scheduler

@@ -10,7 +10,6 @@ import json
 import os
 import re
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ import msgspec
 import pytest
 
 from harness.machine import interpreters, store
-from harness.model import Cell, CellRecord, Level, Outcome, Phase, words
+from harness.model import Cell, CellRecord, Level, Outcome, Phase, replace, words
 from harness.model.vocabulary import APIS, MISLEADING
 from harness.probes import launch
 from harness.running import open_matrix

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import msgspec
 import pytest
 from test_adapters import RELEASES, cell, name, runner  # noqa: F401 - a fixture
 
-from harness.model import Phase
+from harness.model import Phase, replace
 from harness.probes import launch
 from harness.running.scheduler import ControlledRunner, Settings
 from harness.smoke.tried import CellUnderTest

@@ -1,7 +1,6 @@
 """A whole matrix with a cell of every kind, its records and its report; and how golden files are compared."""
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +20,7 @@ from harness.model import (
     Repair,
     Verdict,
     cellid,
+    replace,
 )
 from harness.model.report_types import CellEntry, Document
 from harness.reports import document

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 from packaging.specifiers import InvalidSpecifier, SpecifierSet
 from packaging.utils import InvalidWheelFilename, parse_wheel_filename
@@ -12,7 +11,7 @@ from packaging.version import InvalidVersion, Version
 from harness.ci.drafts.draft import Range
 from harness.matrix.matrix_types import RangeTable
 from harness.matrix.version_ranges import expand_range
-from harness.model import Interpreter
+from harness.model import Interpreter, replace
 from harness.packages import locks
 from harness.packages.index import Release
 

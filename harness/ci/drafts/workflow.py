@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count, product
 
 from packaging.requirements import Requirement
@@ -13,6 +13,7 @@ from packaging.version import InvalidVersion, Version
 
 from harness.ci.drafts.draft import MEASURED, Bundle, Draft
 from harness.ci.workflows import Claim, Fate, Leg
+from harness.model import replace
 from harness.model.vocabulary import HOST
 
 WELL_KNOWN = frozenset({*MEASURED, "numpy", "scipy", "torch", "jax", "tensorflow"})

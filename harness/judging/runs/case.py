@@ -8,7 +8,6 @@ phases(asked, folded)
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 
 from harness.judging.runs import misleading
 from harness.judging.runs.check import phase_of
@@ -24,6 +23,7 @@ from harness.model import (
     Outcome,
     Phase,
     PhaseRecord,
+    replace,
     worst,
 )
 from harness.model.vocabulary import MISLEADING

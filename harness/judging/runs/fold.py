@@ -7,7 +7,7 @@ tried once more; so is a run that met an environment, or byte code, that was not
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from itertools import islice
 from types import MappingProxyType
@@ -24,6 +24,7 @@ from harness.model import (
     Level,
     Outcome,
     Phase,
+    replace,
 )
 from harness.model.machine_trouble import CUT_SHORT, SHOT
 from harness.model.vocabulary import MISLEADING

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from harness.judging.runs.check import TAKEN_AWAY, Ending
 from harness.judging.runs.fold import MEASURED_AGAIN, RUNS_TO_CONFIRM, environment_findings
 from harness.judging.runs.pytest_report import Report, outcome_of
-from harness.model import FAILING, CheckRecord, Finding, Level, Outcome, Phase, PhaseRecord, Suite
+from harness.model import FAILING, CheckRecord, Finding, Level, Outcome, Phase, PhaseRecord, Suite, replace
 from harness.probes.evidence import JUNIT, LOG, MODULES, Reading, Request
 from harness.standalone.failures.lines import normalise, shorten_line
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from msgspec import structs
 
@@ -11,7 +11,7 @@ from harness.matrix import changes
 from harness.matrix.matrix_types import ChangedTable, ChangeTable, Matrix
 from harness.matrix.plan.choices import Choice, Combination, condition
 from harness.matrix.plan.contents import Contents
-from harness.model import Cell, Expectation, Tried, cellid, decoding
+from harness.model import Cell, Expectation, Tried, cellid, decoding, replace
 from harness.model.schema import locate_errors
 from harness.model.vocabulary import Kind
 

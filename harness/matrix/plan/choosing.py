@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
 
 from packaging.version import Version
 
@@ -11,7 +10,7 @@ from harness.matrix.matrix_types import CONDITIONAL, NO_CHANGES, Changes, Chosen
 from harness.matrix.plan.choices import Choice, Combination
 from harness.matrix.plan.covering import Row, covering
 from harness.matrix.plan.strategies import Candidates, weight
-from harness.model import Cell
+from harness.model import Cell, replace
 from harness.model.cellid import CellId
 from harness.model.schema import locate_errors
 from harness.model.vocabulary import ABSENT, Kind

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import chain
 from pathlib import PurePosixPath
 from typing import Any, NamedTuple, TypeVar
@@ -24,7 +23,7 @@ from harness.matrix.matrix_types import (
 from harness.matrix.plan.adapter_choice import find_api
 from harness.matrix.plan.choices import Choice, Combination, Condition, condition
 from harness.matrix.plan.sources import Sources
-from harness.model import Bring, Case, Change, Phase, Question, Subject, Suite, decoding
+from harness.model import Bring, Case, Change, Phase, Question, Subject, Suite, decoding, replace
 from harness.model.errors import BadInput
 from harness.model.schema import key_path, locate_errors, suggestion
 from harness.model.vocabulary import (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import replace
 from itertools import chain, product
 from math import prod
 from pathlib import PurePosixPath
@@ -16,7 +15,7 @@ from harness.matrix.plan.contents import Contents
 from harness.matrix.plan.covering import number_of_parts
 from harness.matrix.plan.sources import Sources
 from harness.matrix.plan.strategies import Axes, Candidates, baseline_combinations
-from harness.model import Case, Cell, Dropped, Expectation, Plan, Suite, cellid, decoding
+from harness.model import Case, Cell, Dropped, Expectation, Plan, Suite, cellid, decoding, replace
 from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.model.schema import locate_errors, suggestion

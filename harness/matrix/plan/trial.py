@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import PurePath
 
 from packaging.specifiers import SpecifierSet
@@ -13,7 +13,7 @@ from packaging.version import Version
 from harness.matrix import overlay_recipes
 from harness.matrix.plan.adapter_choice import find_api, guess_api, speakers
 from harness.matrix.plan.contents import IMPORTED
-from harness.model import Case, Cell, IndexSettings, Phase, Plan, Question, Repair, Subject, cellid
+from harness.model import Case, Cell, IndexSettings, Phase, Plan, Question, Repair, Subject, cellid, replace
 from harness.model.cellid import CellId, Detail
 from harness.model.errors import BadInput
 from harness.model.schema import locate_errors, suggestion

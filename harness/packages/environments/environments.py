@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -22,7 +22,7 @@ from harness.machine.files import guarded_files
 from harness.machine.files.file_locks import alone, exclusive, mark_used
 from harness.machine.files.scratch_folders import remove_folder
 from harness.machine.store import cache_folder, digest, open_store, write_atomic
-from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question
+from harness.model import Artifact, Finding, Interpreter, Level, Lock, Outcome, Phase, Question, replace
 from harness.model.hostile_data import Unreadable
 from harness.packages import download_notice, locks, uv_command, uv_failures
 from harness.packages.environments import first_import, site_packages

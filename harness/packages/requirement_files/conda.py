@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 
 import yaml
 from packaging.specifiers import InvalidSpecifier
 
-from harness.model import requirement_texts
+from harness.model import replace, requirement_texts
 from harness.model.errors import BadInput
 from harness.packages.requirement_files.entry import CONDA_PACKAGE, Inputs, Parsed, Source, check_number
 from harness.packages.requirement_files.pip import read_lines

@@ -9,13 +9,12 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from packaging.utils import canonicalize_name
 
 from harness.machine.files import given_files
-from harness.model import schema
+from harness.model import replace, schema
 from harness.model.errors import BadInput
 from harness.packages.requirement_files import pip, project, uv_lock
 from harness.packages.requirement_files.entry import Include, Inputs, Parsed, Source

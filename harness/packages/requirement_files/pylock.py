@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 
 from packaging.pylock import Package, Pylock, PylockValidationError
 
-from harness.model import schema
+from harness.model import replace, schema
 from harness.model.errors import BadInput
 from harness.packages.requirement_files.entry import Inputs, Parsed, Source, check_number, quote, requirement, where_in
 

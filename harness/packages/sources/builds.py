@@ -11,7 +11,7 @@ import re
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 from warnings import simplefilter
@@ -24,7 +24,7 @@ from harness.machine.files import guarded_files
 from harness.machine.files.file_locks import exclusive, mark_used
 from harness.machine.files.scratch_folders import remove_folder
 from harness.machine.store import cache_folder, digest, open_store, own_folders, sha256_of, write_atomic
-from harness.model import Artifact, Interpreter, Outcome, Phase, Pin, Question, Step
+from harness.model import Artifact, Interpreter, Outcome, Phase, Pin, Question, Step, replace
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable, raise_unreadable
 from harness.model.machine_trouble import SHOT, machine_trouble

@@ -6,7 +6,6 @@ They lie among the wheels that were built here, each in a folder of its own that
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -17,7 +16,7 @@ from harness.machine import interpreters
 from harness.machine.files.file_locks import exclusive
 from harness.machine.store import cache_folder, digest, write_atomic
 from harness.matrix import overlay_recipes
-from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Question, Repair, Step
+from harness.model import IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Question, Repair, Step, replace
 from harness.model.errors import CouldNotTell
 from harness.packages import index, locks, resolver, uv_command
 from harness.packages.environments import environments

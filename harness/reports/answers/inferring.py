@@ -7,7 +7,6 @@ same Python and machine, and if nothing was measured with it. The same holds for
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -15,6 +14,7 @@ import msgspec
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
+from harness.model import replace
 from harness.reports.answers.measured_cells import CellResult, Query, Wanted, find_fitting, find_good
 
 PYTHON = "python"

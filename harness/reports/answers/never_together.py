@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
 
 import msgspec
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
+from harness.model import replace
 from harness.reports.answers.measured_cells import CellResult, Query, find_fitting, find_good
 from harness.reports.answers.recommending import Combination, combinations, newest, public_version
 

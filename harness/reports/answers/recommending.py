@@ -10,7 +10,6 @@ matrices they are of.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -18,7 +17,7 @@ from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from harness.model import CASE_PHASES, Outcome, Phase
+from harness.model import CASE_PHASES, Outcome, Phase, replace
 from harness.model.vocabulary import settings
 from harness.reports.answers.measured_cells import CellResult, Query, find_good, is_heavy
 

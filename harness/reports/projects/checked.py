@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import msgspec
 
-from harness.model import Verdict
+from harness.model import Verdict, replace
 from harness.model.measured import Measured
 from harness.model.report_types import first_few
 from harness.reports.answers import measured_cells, traps

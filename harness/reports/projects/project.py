@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from packaging.markers import UndefinedComparison, UndefinedEnvironmentName, default_environment
 from packaging.requirements import InvalidRequirement, Requirement
 from packaging.utils import canonicalize_name
 
-from harness.model import requirement_texts
+from harness.model import replace, requirement_texts
 from harness.model.errors import BadInput
 from harness.standalone.explain.api_history import History, load_shipped
 from harness.standalone.versions import Specifiers, specifiers, unsatisfiable, version

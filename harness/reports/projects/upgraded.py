@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+from harness.model import replace
 from harness.model.measured import Measured, ReleaseSeries
 from harness.model.vocabulary import parsed_requirement
 from harness.reports.answers import measured_cells

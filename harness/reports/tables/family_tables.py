@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal, TypeVar
 
 import msgspec
 
+from harness.model import replace
 from harness.model.report_types import BoundaryEntry, CaseEntry, CellEntry, ConsequenceEntry
 from harness.physics.families import release_order
 from harness.physics.relation import STARTS

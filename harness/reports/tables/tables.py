@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 
-from harness.model import Outcome, Phase, Role, Verdict
+from harness.model import Outcome, Phase, Role, Verdict, replace
 from harness.model.cellid import CellId
 from harness.model.errors import BadInput
 from harness.model.report_types import SEVERITY, UNTOLD, CaseEntry, CellEntry, Document, MatrixEntry, RepairEntry

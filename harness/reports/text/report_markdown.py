@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
 from itertools import groupby, pairwise
 from typing import Any
 
+from harness.model import replace
 from harness.model.report_types import SYMBOLS, first_few, format_count, word
 from harness.reports.pictures import picture_markdown
 from harness.reports.tables.table_types import Attempt, Pivot, Remark, Report, Sheet, Square

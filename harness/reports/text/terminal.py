@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from harness.machine.console import limit_width
-from harness.model import Role, Verdict
+from harness.model import Role, Verdict, replace
 from harness.model.report_types import SYMBOLS, UNTOLD, format_count, word
 from harness.reports.tables.table_types import Attempt, Effect, Pivot, Remark, Report, Row, Sheet, Square, Trouble
 from harness.reports.text import cause_markdown, report_markdown

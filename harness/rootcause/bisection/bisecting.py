@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 from harness.matrix import changes
-from harness.model import Cell, Change, Phase, Question, Repair, Tried, cellid
+from harness.model import Cell, Change, Phase, Question, Repair, Tried, cellid, replace
 from harness.model.report_types import format_count, format_duration
 from harness.model.vocabulary import required_name
 from harness.rootcause.bench import Bench, BudgetExhausted, Trial

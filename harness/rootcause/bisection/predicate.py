@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from harness.judging.identity import Failure
-from harness.model import FAILING, Outcome, Phase, Verdict
+from harness.model import FAILING, Outcome, Phase, Verdict, replace
 from harness.model.vocabulary import CHANGING
 from harness.rootcause.bench import Trial
 from harness.rootcause.search import Answer

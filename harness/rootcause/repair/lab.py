@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Self
 
@@ -13,7 +13,7 @@ from packaging.version import Version
 from harness.judging.identity import Failure
 from harness.machine.store import Store
 from harness.matrix import changes
-from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict, cellid
+from harness.model import FAILING, Cell, Change, Outcome, Phase, Repair, Tried, Verdict, cellid, replace
 from harness.model.vocabulary import MISLEADING
 from harness.rootcause.bench import Bench, Bounds, Trial
 from harness.rootcause.repair import candidate_changes, failure_hints

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from harness.judging.assess import assess
 from harness.judging.identity import Failure
 from harness.machine.store import Store
 from harness.matrix import changes
-from harness.model import Cell, CellRecord, Change
+from harness.model import Cell, CellRecord, Change, replace
 from harness.model.vocabulary import required_name
 from harness.rootcause.repair.lab import Lab
 from harness.rootcause.repair.repairing import RepairResult, Search, Status

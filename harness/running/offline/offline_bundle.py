@@ -11,7 +11,7 @@ import shutil
 import tarfile
 import threading
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from tempfile import mkdtemp
@@ -23,7 +23,20 @@ from harness.machine import interpreters
 from harness.machine.files import given_files
 from harness.machine.files.file_locks import exclusive
 from harness.machine.store import digest, open_store, sha256_of, write_atomic
-from harness.model import Cell, IndexSettings, Interpreter, Lock, Outcome, Phase, Pin, Step, cellid, decoding, schema
+from harness.model import (
+    Cell,
+    IndexSettings,
+    Interpreter,
+    Lock,
+    Outcome,
+    Phase,
+    Pin,
+    Step,
+    cellid,
+    decoding,
+    replace,
+    schema,
+)
 from harness.model.errors import BadInput
 from harness.packages import locks
 from harness.packages.sources import builds

@@ -10,7 +10,7 @@ import tarfile
 import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
@@ -19,7 +19,7 @@ import msgspec
 
 from harness.machine import interpreters
 from harness.machine.store import Store, digest, question_key, sha256_of, write_atomic
-from harness.model import Artifact, CellRecord, IndexSettings, Lock, Outcome, Pin, Step
+from harness.model import Artifact, CellRecord, IndexSettings, Lock, Outcome, Pin, Step, replace
 from harness.model.errors import CouldNotTell
 from harness.model.report_types import format_count
 from harness.packages import download_notice, index

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from harness.model import Cell, CellRecord, ControlRecord, Phase
+from harness.model import Cell, CellRecord, ControlRecord, Phase, replace
 from harness.model.errors import BadInput
 from harness.running import controls
 from harness.running.scheduler import cell_faults

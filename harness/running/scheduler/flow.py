@@ -19,7 +19,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from threading import Thread
 from typing import Any
@@ -27,7 +27,7 @@ from typing import Any
 from harness.machine import process, this_machine
 from harness.machine.files.file_locks import Claim, claim
 from harness.machine.store import Store, digest
-from harness.model import Cell, CellRecord, ControlRecord, Phase
+from harness.model import Cell, CellRecord, ControlRecord, Phase, replace
 from harness.probes import program
 from harness.probes.vault import Vault
 from harness.running import controls

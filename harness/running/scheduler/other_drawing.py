@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
 
 from harness.judging.runs.check import DRAWING, phase_of
 from harness.machine import this_machine
@@ -17,6 +16,7 @@ from harness.model import (
     Outcome,
     Phase,
     PhaseRecord,
+    replace,
 )
 from harness.running import case_run
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from time import monotonic
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,7 @@ from harness.model import (
     Phase,
     Question,
     Step,
+    replace,
 )
 from harness.model.errors import BadInput, CouldNotTell
 from harness.packages import uv_failures

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
 
 from harness.machine import this_machine
 from harness.machine.store import InstallResult, cache_folder, digest
-from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step
+from harness.model import Cell, Interpreter, Lock, Outcome, Phase, Step, replace
 from harness.model.hostile_data import Unreadable
 from harness.model.vocabulary import FAMILY
 from harness.packages.environments import bytecode, first_import, site_packages

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from harness import model
 from harness.judging.runs import suite as judging
@@ -21,6 +21,7 @@ from harness.model import (
     PhaseRecord,
     Question,
     Step,
+    replace,
 )
 from harness.model.vocabulary import SELF, parsed_requirement, required_name
 from harness.packages import package_under_test, uv_command

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,7 @@ import wheelhouse
 from commandline import Desk
 from uv import find_uv_bin
 
-from harness.model import Interpreter
+from harness.model import Interpreter, replace
 
 ENV = "fake_world:Healthy-v0"
 CODE = (wheelhouse.FAKES / "healthy" / "fake_healthy.py").read_text()

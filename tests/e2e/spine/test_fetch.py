@@ -9,7 +9,6 @@ import re
 import shutil
 import zipfile
 from collections.abc import Callable
-from dataclasses import replace
 from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from typing import Any
 import pytest
 from commandline import CommandResult, Desk
 
+from harness.model import replace
 from harness.running.offline import offline_collect
 
 MATRIX = """

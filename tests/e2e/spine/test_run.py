@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import platform
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import pytest
 from commandline import SMALL, Desk, DeskRun
 from PIL import Image
 
+from harness.model import replace
 from harness.probes.vault import Vault
 
 TOP = {"schema", "generated", "machines", "cells", "dropped"}

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,7 +16,7 @@ from test_fetch import Index
 from harness.machine import interpreters, store
 from harness.machine.files.file_locks import exclusive
 from harness.machine.free_memory import Reading
-from harness.model import Phase
+from harness.model import Phase, replace
 from harness.reports.text import progress
 from harness.running import open_matrix, scheduler
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from textwrap import dedent
 
 import pytest
@@ -15,7 +14,7 @@ from harness.ci.drafts.values import narrow
 from harness.ci.workflows import read
 from harness.matrix import matrix_file, plan
 from harness.matrix.matrix_types import Expansion
-from harness.model import Plan, Suite
+from harness.model import Plan, Suite, replace
 from harness.model.errors import BadInput
 from harness.model.vocabulary import GYMNASIUM, Instant, Rule
 from harness.packages.index import Release

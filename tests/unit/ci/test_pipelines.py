@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from specimens import quick
 import harness
 from harness.ci import pipelines
 from harness.ci.pipelines import Action, Pipeline, Provider
-from harness.model import Dropped
+from harness.model import Dropped, replace
 from harness.model.errors import BadInput
 
 TEMPLATES = Path(harness.__file__).parent / "reports" / "templates"

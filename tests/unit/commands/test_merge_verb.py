@@ -2,7 +2,6 @@
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ from builders import GENERATED, HERE, MACHINES, case
 from specimens import quick, quick_record
 
 from harness.__main__ import main
-from harness.model import CellRecord, Phase
+from harness.model import CellRecord, Phase, replace
 from harness.reports import document
 
 PLAN, RECORDS = quick()

@@ -1,7 +1,6 @@
 """The verbs that only read what was stored: report, show, schema."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -11,6 +10,7 @@ from specimens import quick
 
 from harness.__main__ import main
 from harness.machine.store import Store
+from harness.model import replace
 from harness.model.vocabulary import APIS
 from harness.reports import document
 

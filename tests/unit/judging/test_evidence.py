@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -26,6 +25,7 @@ from harness.model import (
     Subject,
     Suite,
     Verdict,
+    replace,
 )
 from harness.model.errors import BadInput
 from harness.model.report_types import DiagnosisEntry

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import pytest
 import readings
@@ -14,7 +13,7 @@ from harness.judging.runs.case import phases
 from harness.judging.runs.check import TAKEN_AWAY
 from harness.judging.runs.fold import CasePlan, Folded, add_run, fold
 from harness.judging.runs.todo import todo
-from harness.model import Outcome, Phase, PhaseRecord
+from harness.model import Outcome, Phase, PhaseRecord, replace
 from harness.model.machine_trouble import SHOT
 from harness.probes import wire
 from harness.probes.evidence import Host, Reading, Request, RunEnd

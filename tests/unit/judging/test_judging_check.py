@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import pytest
 from builders import warning
 
 from harness.judging.runs.check import Ending, check_record, reachable, side_findings, was_killed
-from harness.model import CheckReply, Finding, Observation, Outcome, Phase, ProbeReply, Raised, WorkerRecord
+from harness.model import CheckReply, Finding, Observation, Outcome, Phase, ProbeReply, Raised, WorkerRecord, replace
 from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.model.words import sentence
 from harness.probes import wire

@@ -1,7 +1,6 @@
 """Judging: the table of verdicts, its order, and what no evidence may ever lead to."""
 
 import itertools
-from dataclasses import replace
 
 import pytest
 from builders import CHECKS, LETTERS, case, cell, phase, plain, record, render_phase, step, warning
@@ -28,6 +27,7 @@ from harness.model import (
     Phase,
     PhaseRecord,
     Verdict,
+    replace,
     worst,
 )
 from harness.model.report_types import SEVERITY

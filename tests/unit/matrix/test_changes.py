@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -13,7 +12,7 @@ from specimens import RESET, SOLVER, XML
 
 from harness.matrix import changes, matrix_remedies, plan
 from harness.matrix.signatures import Signature
-from harness.model import Cell, CellRecord, Change, Expectation, Outcome, Phase, Plan, Question, Tried, Verdict
+from harness.model import Cell, CellRecord, Change, Expectation, Outcome, Phase, Plan, Question, Tried, Verdict, replace
 from harness.model.errors import BadInput
 from harness.model.report_types import Document
 from harness.reports import document, publishing

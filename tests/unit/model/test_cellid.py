@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import random
 import re
-from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +15,7 @@ from packaging.requirements import Requirement
 
 from harness.machine.store import Store
 from harness.matrix import plan
-from harness.model import CellRecord, IndexSettings, Subject, cellid
+from harness.model import CellRecord, IndexSettings, Subject, cellid, replace
 from harness.model.cellid import CellId
 from harness.model.vocabulary import Instant
 from harness.reports import document

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -25,6 +24,7 @@ from harness.model import (
     Subject,
     Suite,
     Verdict,
+    replace,
 )
 from harness.model.errors import BadInput
 from harness.model.vocabulary import SELF

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from harness.model import replace
 from harness.physics.comparison import compare
 from harness.physics.outputs import Array, Bank, Outputs, typical_sizes
 from harness.physics.relation import Class

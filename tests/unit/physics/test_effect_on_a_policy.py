@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from harness.model import replace
 from harness.physics.consequence import (
     Effect,
     Play,

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from harness.model import replace
 from harness.physics import pixels
 from harness.physics.outputs import Array
 from harness.physics.pixel_sentences import describe

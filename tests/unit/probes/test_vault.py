@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import stat
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from readings import CASE, GOOD, HERE, lines, passed
 
 from harness.machine import process
+from harness.model import replace
 from harness.model.errors import CouldNotTell
 from harness.model.hostile_data import Unreadable
 from harness.probes.evidence import LOG, REPLY, ProbeRun, Request

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import replace
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from harness.model import (
     ProbeReply,
     ProbeRequest,
     Raised,
+    replace,
 )
 from harness.probes import wire
 

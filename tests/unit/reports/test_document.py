@@ -1,14 +1,13 @@
 """The report document: its keys, what it is made of, and that nothing is lost on the way."""
 
 import json
-from dataclasses import replace
 
 import msgspec
 import pytest
 from builders import GENERATED, HERE, LETTERS, MACHINES, case, cell, entry, phase, record, step, warning
 from specimens import RESET, XML, quick, quick_document
 
-from harness.model import CheckRecord, Expectation, Level, Outcome, Phase, PhaseRecord, Plan, Verdict
+from harness.model import CheckRecord, Expectation, Level, Outcome, Phase, PhaseRecord, Plan, Verdict, replace
 from harness.model.errors import BadInput
 from harness.model.report_types import CellEntry, Document, FindingEntry
 from harness.reports import document

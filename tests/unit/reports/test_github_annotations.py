@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import chain, combinations
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from builders import cell as planned
 from specimens import RESET, combination, quick, quick_document, quick_record
 
 from harness.__main__ import main
-from harness.model import Expectation, Outcome, Phase, Step, Verdict
+from harness.model import Expectation, Outcome, Phase, Step, Verdict, replace
 from harness.model.report_types import Document
 from harness.reports import document, publishing
 from harness.reports.text import github_annotations

@@ -6,7 +6,6 @@ import json
 import lzma
 import shutil
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,7 +17,7 @@ from harness.judging.runs import case as judging
 from harness.judging.runs.fold import Folded, add_run
 from harness.judging.runs.todo import todo
 from harness.machine.store import Store
-from harness.model import CellRecord, Expectation, Plan, Verdict
+from harness.model import CellRecord, Expectation, Plan, Verdict, replace
 from harness.model.report_types import Document
 from harness.probes.evidence import LOG, REPLY, ProbeRun, RunEnd
 from harness.probes.vault import Vault, keep_files

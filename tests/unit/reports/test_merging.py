@@ -1,7 +1,6 @@
 """Merging reports: nothing depends on order, repetition or grouping, and nothing is answered for another question."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import reduce
 from random import Random
 from typing import Any
@@ -11,7 +10,19 @@ import pytest
 from builders import GENERATED, HERE, MACHINES, case, record
 from specimens import quick
 
-from harness.model import Cell, CellRecord, Dropped, Expectation, Outcome, Phase, PhaseRecord, Plan, Subject, Verdict
+from harness.model import (
+    Cell,
+    CellRecord,
+    Dropped,
+    Expectation,
+    Outcome,
+    Phase,
+    PhaseRecord,
+    Plan,
+    Subject,
+    Verdict,
+    replace,
+)
 from harness.model.errors import BadInput
 from harness.model.report_types import CellEntry, Document
 from harness.reports import document, merging

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from builders import case, cell, record
 from readings import GOOD, HERE, Check, lines
 from specimens import GENERATED
 
-from harness.model import CaseRecord, CellRecord, Plan
+from harness.model import CaseRecord, CellRecord, Plan, replace
 from harness.model.report_types import Document, PicturesEntry
 from harness.probes import array_files, thumbnails
 from harness.probes.evidence import GIVEN, PIXELS, REPLY, ProbeRun, Request

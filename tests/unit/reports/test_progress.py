@@ -1,12 +1,11 @@
 """Test the progress of long work: the time to go, and a board that rich draws in a thread of its own."""
 
 import threading
-from dataclasses import replace
 
 import pytest
 from builders import cell, record
 
-from harness.model import Cell, CellRecord
+from harness.model import Cell, CellRecord, replace
 from harness.model.report_types import format_duration
 from harness.reports.text import progress
 from harness.reports.text.progress import Progress, SearchProgress

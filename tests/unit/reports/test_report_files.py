@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,7 @@ from builders import case, record
 
 from harness.machine import store
 from harness.machine.store import Store
-from harness.model import CaseRecord, Phase
+from harness.model import CaseRecord, Phase, replace
 from harness.reports import publishing
 
 

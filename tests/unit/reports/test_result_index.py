@@ -1,6 +1,5 @@
 """The measured results at hand: those that come with us, other people's, and our own, in layers."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,7 +7,7 @@ from builders import HERE, MACHINES
 from specimens import quick, quick_document
 
 from harness.machine.store import Store
-from harness.model import Verdict
+from harness.model import Verdict, replace
 from harness.model.errors import BadInput
 from harness.model.measured import Measured
 from harness.reports import document

@@ -1,9 +1,8 @@
 """Plots of changes in behaviour over releases."""
 
-from dataclasses import replace
-
 import matplotlib.font_manager  # noqa: F401 - its first import in a home asks a program for the fonts, not a test
 
+from harness.model import replace
 from harness.physics.relation import Class
 from harness.reports import size_plot
 from harness.reports.tables.family_tables import FamilyTable, ReleaseStep

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import msgspec
 import pytest
 from builders import GENERATED, case, cell, document_of, make_plan, record
 
-from harness.model import Cell, CellRecord, Change, Outcome, Phase, Role, Step, Tried, Verdict
+from harness.model import Cell, CellRecord, Change, Outcome, Phase, Role, Step, Tried, Verdict, replace
 from harness.model.report_types import Document
 from harness.reports.tables import squares, tables
 from harness.reports.tables.table_types import Pivot, Square

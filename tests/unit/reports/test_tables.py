@@ -1,7 +1,6 @@
 """Regrouping a document into tables: the middle stage, kept whole as a golden file."""
 
 import unicodedata
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -9,7 +8,7 @@ import pytest
 from builders import GENERATED, HERE, MACHINES, case, record
 from specimens import check_golden, quick, quick_document
 
-from harness.model import Plan, Verdict
+from harness.model import Plan, Verdict, replace
 from harness.model.errors import BadInput
 from harness.model.report_types import SEVERITY, SYMBOLS, Document
 from harness.reports import document

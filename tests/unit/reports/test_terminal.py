@@ -3,7 +3,6 @@
 import argparse
 import io
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -14,7 +13,7 @@ from specimens import check_golden, quick_document
 
 from harness.commands import report as report_verb
 from harness.machine.console import MOST_WIDTH
-from harness.model import Verdict
+from harness.model import Verdict, replace
 from harness.model.report_types import SYMBOLS, word
 from harness.reports import document
 from harness.reports.tables import tables

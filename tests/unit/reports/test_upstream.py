@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,7 @@ from specimens import GPU
 
 from harness.__main__ import main
 from harness.machine.store import Store
-from harness.model import Case, CellRecord, Outcome, Phase, Plan, Question, Verdict
+from harness.model import Case, CellRecord, Outcome, Phase, Plan, Question, Verdict, replace
 from harness.model.report_types import DiagnosisEntry
 from harness.reports import document, packs
 from harness.reports.issue import reproducing, upstream

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 from builders import case, make_knowledge, record, render_phase, signature, step
 
 from harness.judging.assess import assess
-from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
+from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict, replace
 from harness.rootcause.bench import Trial
 from harness.rootcause.bisection.predicate import Predicate, has_package_failure
 from harness.rootcause.repair.lab import describe_result, fails_further, find_lost_check, passes

@@ -2,11 +2,11 @@
 
 import json
 import os
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from harness.model import replace
 from harness.probes.evidence import Host, ProbeRun, Request, RunEnd, folder_of
 from harness.probes.vault import Vault
 from harness.running import cleanup

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from harness.model import (
     Phase,
     PhaseRecord,
     Verdict,
+    replace,
 )
 from harness.model.errors import BadInput
 from harness.model.vocabulary import APIS

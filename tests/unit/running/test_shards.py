@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from builders import cell_requiring
 
 from harness.commands import select_cells
-from harness.model import Cell
+from harness.model import Cell, replace
 from harness.model.errors import BadInput
 from harness.reports import document
 from harness.running import shards

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import builders
 import pytest
 from builders import CHECKS, make_knowledge, signature
@@ -22,6 +20,7 @@ from harness.model import (
     Subject,
     Suite,
     Verdict,
+    replace,
 )
 from harness.smoke import judging
 from harness.smoke.judging import Kind, PhaseResult

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from harness.judging.assess import Assessed, assess
 from harness.judging.known_failures import Knowledge
 from harness.matrix import signatures
 from harness.matrix.signatures import Signature
-from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict
+from harness.model import CaseRecord, CellRecord, Outcome, Phase, Verdict, replace
 from harness.model.report_types import CaseEntry, CellEntry, Document
 from harness.reports import document
 from harness.reports.tables import change_effects
