@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from harness.devices.egl_rules import (
     ARGUMENT,
@@ -30,8 +31,7 @@ NO_WINDOW = (
 Variables = Mapping[str, str]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Library:
+class Library(Struct, frozen=True, kw_only=True):
     """A library as users meet it: `name` says which releases, of which `release` is one, with `mujoco` beside it."""
 
     name: str
@@ -49,8 +49,7 @@ LIBRARIES = (
 )
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class DrawingSupport:
+class DrawingSupport(Struct, frozen=True, kw_only=True):
     """The ways to draw on a machine: EGL's devices, and whether OSMesa and a display answer."""
 
     devices: tuple[Device, ...]
@@ -62,8 +61,7 @@ CROSSED = DrawingSupport(devices=(Device(cuda=1), Device(cuda=0), Device()), osm
 """Two GPUs that EGL lists in another order than CUDA, and a software device behind them: where libraries part."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Prediction:
+class Prediction(Struct, frozen=True, kw_only=True):
     """The way a library draws: `egl` on a device, `osmesa`, `glfw`; or the error with which it fails instead."""
 
     way: str
@@ -71,8 +69,7 @@ class Prediction:
     error: str | None = None
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Advice:
+class Advice(Struct, frozen=True, kw_only=True):
     """Variables to set and to unset before drawing, and the reason."""
 
     variables: Variables

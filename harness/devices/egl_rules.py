@@ -8,9 +8,9 @@ are elsewhere.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 
+from msgspec import Struct
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
@@ -35,8 +35,7 @@ class Stage(StrEnum):
     MAKE = "make"
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Settings:
+class Settings(Struct, frozen=True, kw_only=True):
     """The settings that choose a device, each as it is set, None if it is not. `old` is EGL_DEVICE_ID."""
 
     argument: int | None = None
@@ -45,16 +44,14 @@ class Settings:
     old: str | None = None
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Device:
+class Device(Struct, frozen=True, kw_only=True):
     """One EGL device: the number that CUDA gives it, and whether it can be initialised."""
 
     cuda: int | None = None
     works: bool = True
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Choice:
+class Choice(Struct, frozen=True, kw_only=True):
     """The place of the chosen device in EGL's list, or the error raised instead, and its stage; neither without EGL."""
 
     device: int | None = None
@@ -62,8 +59,7 @@ class Choice:
     stage: Stage = Stage.MAKE
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Precedence:
+class Precedence(Struct, frozen=True, kw_only=True):
     """The rules by which `releases` of one library choose a device, in sentences, the first that applies first.
 
     `run` is false for rules that were read in its source, and never run by this project.
@@ -319,8 +315,7 @@ PUBLISHED = f"{EGL_ID}, then {ARGUMENT}, then {CUDA}"
 """The precedence that is told for robosuite."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Typed:
+class Typed(Struct, frozen=True, kw_only=True):
     """A line typed in a shell with spaces around `=`, and the value that a program started after it, or by it, has.
 
     `value` is None where the variable stays unset; `says` is what the shell answers.

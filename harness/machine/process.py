@@ -14,11 +14,12 @@ import signal
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, fields
 from enum import StrEnum
 from pathlib import Path
 from time import monotonic
 from typing import Any, Self, get_type_hints, overload
+
+from msgspec import Struct
 
 from harness.machine import fork_server
 from harness.machine.files.scratch_folders import scratch_folder
@@ -63,8 +64,7 @@ class Profile(StrEnum):
     HOST = "host"
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Limits:
+class Limits(Struct, frozen=True, kw_only=True):
     """The bounds of a command.
 
     `memory_mb` is for all processes together, shared pages counted once; `output_kb` is kept of the output.
@@ -75,8 +75,7 @@ class Limits:
     output_kb: int = 2048
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Command:
+class Command(Struct, frozen=True, kw_only=True):
     """A command to run, and its bounds. `env` is the whole environment, to which CELL adds HOME, TMPDIR, XDG_*.
 
     CELL needs `home`, an existing folder; TMPDIR is `tmp` beside it (keep it under 75 characters: multiprocessing
@@ -100,8 +99,7 @@ class Command:
     shielded: tuple[Path, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Report:
+class Report(Struct, frozen=True, kw_only=True):
     """The end of a command as its supervisor tells it: `exit_code` or `signal`; both are None if it never ran.
 
     `killed` is why it was ended, or not run: the reason given to `Running.kill`; `supervisor: ...`; or, with
@@ -130,8 +128,7 @@ class Report:
     least_room_mb: int | None = None
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Completed(Report):
+class Completed(Report, frozen=True, kw_only=True):
     """A command that has ended, or that was never started; `sandbox` is the one that it ran in."""
 
     argv: tuple[str, ...]
@@ -239,7 +236,7 @@ class Running:
         if report is None:
             _end_orphans(self.command)
             report = Report(killed=f"supervisor: it ended with {code}, without a word")
-        end = {field.name: getattr(report, field.name) for field in fields(Report)}
+        end = {name: getattr(report, name) for name in Report.__struct_fields__}
         self._completed = Completed(argv=self.command.argv, log=self.log, sandbox=self.sandbox, **end)
         _live.discard(self)
 

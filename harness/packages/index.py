@@ -13,12 +13,12 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 from urllib.parse import unquote, urlsplit, urlunsplit
 
+from msgspec import Struct
 from packaging.utils import (
     InvalidSdistFilename,
     InvalidWheelFilename,
@@ -41,8 +41,7 @@ T = TypeVar("T")
 ReadPart = Callable[[str], tuple[bytes, int]]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Patience:
+class Patience(Struct, frozen=True, kw_only=True):
     """The time that a place has: `pauses` before further attempts, `timeout` to connect and between two pieces."""
 
     pauses: tuple[float, ...] = (0.3, 1.5)
@@ -70,8 +69,7 @@ class UnknownPackage(BadInput):
     """Every place answered, and none has a package of this name."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Release:
+class Release(Struct, frozen=True, kw_only=True):
     """A version that an index offers. `uploaded` is the instant of its first file, None where the index tells none.
 
     `yanked` is whether all its files are; `wheels` are file names, `sdist` is whether there is one.
@@ -85,8 +83,7 @@ class Release:
     sdist: bool
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _File:
+class _File(Struct, frozen=True, kw_only=True):
     name: str
     uploaded: datetime | None = None
     yanked: bool = False

@@ -5,9 +5,10 @@ NumPy is not imported here: reports show relations that others computed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
+
+from msgspec import Struct
 
 JUST_NOTICEABLE = 2.3
 """The distance of two colours in CIELAB (CIE 1976) that is just noticed (Mahy, Van Eycken and Oosterlinck, 1994)."""
@@ -40,8 +41,7 @@ AGREEING = frozenset({Class.IDENTICAL, Class.ROUND_OFF, Class.SOLVER_PRECISION})
 """Classes of two cells that belong to one family."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Difference:
+class Difference(Struct, frozen=True, kw_only=True):
     """The difference of one output.
 
     `largest` and `median` are relative differences, of the states that differ (see `gaps`); `share` is the share of
@@ -57,8 +57,7 @@ class Difference:
     state: int | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Comparison:
+class Comparison(Struct, frozen=True, kw_only=True):
     """The relation of two cells for one case.
 
     `kind` sums it up. `dynamics` is of the next state alone, `start` of the resets. `stage` is the first stage that
@@ -107,8 +106,7 @@ class Effect(StrEnum):
     UNTOLD = "cannot tell"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Consequence:
+class Consequence(Struct, frozen=True, kw_only=True):
     """The effect of a change on a policy.
 
     `before` and `after` are the share of episodes that succeed, or the mean return. `difference` is in points, with the
@@ -156,8 +154,7 @@ class Part(StrEnum):
     DRAWING = "drawing"
 
 
-@dataclass(frozen=True, kw_only=True)
-class PixelComparison:
+class PixelComparison(Struct, frozen=True, kw_only=True):
     """The relation of the pictures of two cells.
 
     `share` is the largest share of a picture that looks different, `median` that of the middle one of all states,

@@ -6,9 +6,11 @@ These are facts. `harness.judging` works out their meaning, as often as its read
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from signal import SIGKILL
+
+from msgspec import Struct
 
 from harness.model import Case, ProbeReply, Suite
 from harness.probes import wire
@@ -39,8 +41,7 @@ SHORT_NAME = 16
 """Hexadecimal digits of a run's name in the name of its folder."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Request:
+class Request(Struct, frozen=True, kw_only=True):
     """A request to one process: the checks of a case, or the tests of a package.
 
     `limits` maps a check to its seconds, in the order of the checks; a suite has one of its own. `followers` are checks
@@ -51,7 +52,7 @@ class Request:
 
     case: Case | None = None
     suite: Suite | None = None
-    limits: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, float] = {}
     followers: tuple[str, ...] = ()
     confirms: bool = False
     leads: bool = False
@@ -64,8 +65,7 @@ class Request:
         return target.memory_mb if target else 0
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class RunEnd:
+class RunEnd(Struct, frozen=True, kw_only=True):
     """The end of a run's process: `exit_code` or `signal`; neither if it never ran.
 
     `timed_out` is whether the time for the whole run was over, `overran` the limit of one check (seconds) that was,
@@ -98,8 +98,7 @@ class RunEnd:
         return self.signal == SIGKILL and not (self.killed or self.timed_out or self.out_of_memory)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Host:
+class Host(Struct, frozen=True, kw_only=True):
     """The facts of the host about a run, which no process in the cell could report.
 
     `python` is the version that the environment was made with, `undrawable` maps a way to draw to why it cannot be used
@@ -109,7 +108,7 @@ class Host:
     """
 
     python: str = ""
-    undrawable: Mapping[str, str] = field(default_factory=dict)
+    undrawable: Mapping[str, str] = {}
     conditions: str | None = None
     stood: bool = True
     bare_start: str | None = None
@@ -117,8 +116,7 @@ class Host:
     source: str | None = None
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ProbeRun:
+class ProbeRun(Struct, frozen=True, kw_only=True):
     """One run, kept for ever. `files` maps the name of each file that it left to the SHA-256 of its content.
 
     `program` is the digest of the in-cell program that ran, check by check. `measured` is the instant of its end (UTC).

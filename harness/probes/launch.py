@@ -7,7 +7,6 @@ import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
 from functools import cache
 from itertools import islice
 from pathlib import Path
@@ -15,6 +14,7 @@ from stat import S_ISLNK
 from time import monotonic
 
 import msgspec
+from msgspec import Struct
 
 from harness.machine import display, process
 from harness.machine.files.guarded_files import Folder
@@ -38,8 +38,7 @@ MOST_KEPT = 4 << 20
 """Bytes that are kept of each text of a run; of those that are read in part, these."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Site:
+class Site(Struct, frozen=True, kw_only=True):
     """The place where a probe runs: an environment and its interpreter, its compile cache, and the cell's own settings.
 
     `variables` is the whole environment of the probe, `files` maps a path below HOME to its content. `below` is the
@@ -55,7 +54,7 @@ class Site:
     files: Mapping[str, bytes]
     below: Path | None = None
     python_path: tuple[str, ...] = ()
-    brought: Mapping[str, Path] = field(default_factory=dict)
+    brought: Mapping[str, Path] = {}
     stands: Callable[[], bool] = lambda: True
 
     @property
@@ -84,8 +83,7 @@ class Site:
         }
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Workplace:
+class Workplace(Struct, frozen=True, kw_only=True):
     """The place of one run: its scratch folder with HOME, and the environment as the run sees it.
 
     `sealed` are the folders that keep none of what is written to them, `code` are those for compiled code.
@@ -127,8 +125,7 @@ def set_up(site: Site, scratch: Path, *imports: object) -> Iterator[Workplace]:
         yield Workplace(site=site, scratch=scratch, folder=folder, sealed=sealed, code=code)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ProbeResult:
+class ProbeResult(Struct, frozen=True, kw_only=True):
     """The files and results of one probe process, while its folders exist.
 
     `overran` is the limit (seconds) that ended it, `left` the folder that it wrote its reply to, `beside` the one with

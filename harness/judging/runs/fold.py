@@ -7,10 +7,11 @@ tried once more; so is a run that met an environment, or byte code, that was not
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
 from functools import cache
 from itertools import islice
 from types import MappingProxyType
+
+from msgspec import Struct
 
 from harness.judging.runs import native_errors
 from harness.judging.runs.check import TAKEN_AWAY, check_record, ending_of, phase_of, side_findings, was_killed
@@ -46,8 +47,7 @@ Wanted = Mapping[Phase, tuple[str, ...]]
 """The checks of each phase."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class CasePlan:
+class CasePlan(Struct, frozen=True, kw_only=True):
     """The checks of a case to run, by phase, and the digest of the in-cell program for each check.
 
     With `verify` each check has a process of its own, and a failure is confirmed.
@@ -68,8 +68,7 @@ class CasePlan:
         return self.case.timeouts.get(phase_of(check), DEFAULT_SECONDS)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Ended:
+class Ended(Struct, frozen=True, kw_only=True):
     """The end of a check, its run, and the files of that run. `passed_again` tells which confirming runs passed."""
 
     record: CheckRecord
@@ -91,8 +90,7 @@ class Ended:
         return replace(self.record, outcome=Outcome.FLAKY, decisive=line)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Folded:
+class Folded(Struct, frozen=True, kw_only=True):
     """All that the runs of a case showed so far.
 
     `ended` has each check that came to an end. `followed` names the run in which each check that follows another was
@@ -102,10 +100,10 @@ class Folded:
     happened once, for an environment or byte code in pieces. `runs` names all runs that count.
     """
 
-    ended: Mapping[str, Ended] = field(default_factory=dict)
-    followed: Mapping[str, str] = field(default_factory=dict)
+    ended: Mapping[str, Ended] = {}
+    followed: Mapping[str, str] = {}
     missed: frozenset[str] = frozenset()
-    findings: Mapping[str, tuple[tuple[str | None, Finding], ...]] = field(default_factory=dict)
+    findings: Mapping[str, tuple[tuple[str | None, Finding], ...]] = {}
     overran: frozenset[str] = frozenset()
     shot: frozenset[str] = frozenset()
     again: Request | None = None
@@ -188,8 +186,7 @@ def _confirmed(folded: Folded, request: Request, ended: Mapping[str, Ended]) -> 
     return results
 
 
-@dataclass(frozen=True, slots=True)
-class _RunJudge:
+class _RunJudge(Struct, frozen=True):
     """One run of a case, to be read."""
 
     case_plan: CasePlan

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
 from typing import Any
+
+from msgspec import Struct
 
 from harness.matrix.matrix_types import Expansion, Matrix
 from harness.matrix.version_ranges import Breaks
@@ -13,8 +14,7 @@ from harness.model import IndexSettings, Repair
 Recipes = Mapping[str, tuple[Repair, ...]]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Project:
+class Project(Struct, frozen=True, kw_only=True):
     """The package under test: its source, found from anywhere, and the names that its pyproject declares, if any."""
 
     source: str
@@ -22,8 +22,7 @@ class Project:
     groups: Collection[str] | None = None
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Sources:
+class Sources(Struct, frozen=True, kw_only=True):
     """All that a plan is made of.
 
     Args:
@@ -42,10 +41,10 @@ class Sources:
     matrix: Matrix
     host_python: str
     expansion: Expansion | None = None
-    texts: Mapping[str, str] = field(default_factory=dict)
-    breaks: Breaks = field(default_factory=dict)
-    recipes: Recipes = field(default_factory=dict)
+    texts: Mapping[str, str] = {}
+    breaks: Breaks = {}
+    recipes: Recipes = {}
     index: IndexSettings | None = None
     project: Project | None = None
-    banks: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    policies: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    banks: Mapping[str, tuple[str, str]] = {}
+    policies: Mapping[str, Mapping[str, Any]] = {}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
 from pathlib import PurePath
 
+from msgspec import Struct, field
 from packaging.specifiers import SpecifierSet
 from packaging.version import Version
 
@@ -47,8 +47,7 @@ GYMNASIUM_1_UPLOADED = "2024-10-08"
 """Ant-v5 came with gymnasium 1.0, for Python 3.8 and later; the releases before it have Ant-v4."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class TrialOptions:
+class TrialOptions(Struct, frozen=True, kw_only=True):
     """The options of a `try` command line, as given; `python` is a version or `host`.
 
     `brought` is the API to use for environments of which nothing else tells it. `interpreter` is the path of the
@@ -62,7 +61,7 @@ class TrialOptions:
     api: str | None = None
     brought: str | None = None
     imports: tuple[str, ...] = ()
-    environment: Mapping[str, str] = field(default_factory=dict)
+    environment: Mapping[str, str] = {}
     constraints: tuple[str, ...] = ()
     overrides: tuple[str, ...] = ()
     build_constraints: tuple[str, ...] = ()
@@ -75,7 +74,7 @@ class TrialOptions:
     torch_backend: str = "cpu"
     overlay: tuple[Repair, ...] = ()
     subject: Subject | None = None
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, str] = {}
     listed: tuple[str, ...] = ()
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal, TypeVar
 
 import msgspec
+from msgspec import Struct
 
 from harness.model import replace
 from harness.model.report_types import BoundaryEntry, CaseEntry, CellEntry, ConsequenceEntry
@@ -26,8 +26,7 @@ T = TypeVar("T")
 N = TypeVar("N", CaseEntry, BoundaryEntry)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class ReleaseStep:
+class ReleaseStep(Struct, frozen=True, kw_only=True):
     """The relation of a release to the one measured before it, for one environment.
 
     `size` is the median relative difference in the states that differ, 0 where nothing has a size.
@@ -38,8 +37,7 @@ class ReleaseStep:
     starts_otherwise: bool = False
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class FamilyTable:
+class FamilyTable(Struct, frozen=True, kw_only=True):
     """The families along one axis, with all other axes as they stand in `where`.
 
     `columns` are ranges of releases, `rows` are environments with their family in each range: a letter, `-` where it
@@ -67,8 +65,7 @@ class FamilyTable:
         return " and ".join(filter(None, names)) or self.axis
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Change:
+class Change(Struct, frozen=True, kw_only=True):
     """All that changes between two neighbouring releases: each environment with what differs there.
 
     `moved` says which other packages differ, too; then the change is not separated from them.

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 
+from msgspec import Struct
+
 from harness.model import Role, Verdict
 from harness.model.report_types import PicturesEntry
 from harness.reports.tables.family_tables import Change, FamilyTable
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Row:
+class Row(Struct, frozen=True, kw_only=True):
     """One cell in the list: on one machine, or on all machines with the same result.
 
     `versions` are in the order of the sheet's columns, as installed. `why` is the decisive line, or what a working cell
@@ -47,8 +48,7 @@ class Row:
     known: str = ""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Square:
+class Square(Struct, frozen=True, kw_only=True):
     """The main cells of one machine and one verdict where two axis values meet.
 
     `passed` of `tried` tasks passed in each of these cells, by the `pythons` named; `tried` is 0 where no task was
@@ -102,8 +102,7 @@ class Pivot:
         return tuple(dict.fromkeys(python for one in self.parts for python in one.pythons))
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Task:
+class Task(Struct, frozen=True, kw_only=True):
     """One environment that was tried: the phases asked for, and how many of the main cells that ran it passed."""
 
     name: str
@@ -114,8 +113,7 @@ class Task:
     tried: int
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Cause:
+class Cause(Struct, frozen=True, kw_only=True):
     """A known failure that fits cells, its remedy in words, and whether a machine can apply that.
 
     `proofs` are the cells that the remedy cured, each with its lock.
@@ -140,8 +138,7 @@ class Effect(StrEnum):
     UNTOLD = "not known"
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Attempt:
+class Attempt(Struct, frozen=True, kw_only=True):
     """A change tried on a cell: the result before and after in words, and the effect."""
 
     cell: str
@@ -157,8 +154,7 @@ class Attempt:
     machine: str
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Explanation:
+class Explanation(Struct, frozen=True, kw_only=True):
     """A reason why cells are not green, with all the cells that share it."""
 
     verdict: Verdict
@@ -171,8 +167,7 @@ class Explanation:
     causes: tuple[Cause, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Trouble:
+class Trouble(Struct, frozen=True, kw_only=True):
     """One cause and all the cells that have it; `known` is its signature, empty where none fits.
 
     `where` says which `cells` these are, as values of axes. The `cause` of an unknown one is what the matrix says of
@@ -207,8 +202,7 @@ EVERY = "every combination"
 """The words for a picture that all combinations share."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Frame:
+class Frame(Struct, frozen=True, kw_only=True):
     """A picture of a task, and in words the combinations that look so.
 
     `misleads` are the checks by which it contradicts what it should show, `issue` is the known issue behind that.
@@ -220,8 +214,7 @@ class Frame:
     issue: str = ""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class FrameRow:
+class FrameRow(Struct, frozen=True, kw_only=True):
     """The distinct first pictures of a task, those of older releases first."""
 
     task: str
@@ -229,8 +222,7 @@ class FrameRow:
     frames: tuple[Frame, ...]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Remark:
+class Remark(Struct, frozen=True, kw_only=True):
     """The same text about one or more cells: a finding, or the reason why combinations were left out.
 
     `where` says in words which cells, `count` how many combinations, `kind` what sort of finding it is.
@@ -244,8 +236,7 @@ class Remark:
     kind: str = ""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class SuiteChange:
+class SuiteChange(Struct, frozen=True, kw_only=True):
     """The package's own tests in one cell beside those of a neighbouring cell.
 
     `fails` are tests that fail here and not there, `passes` those that fail there and not here, `known` is the known
@@ -261,8 +252,7 @@ class SuiteChange:
     passes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Sheet:
+class Sheet(Struct, frozen=True, kw_only=True):
     """Everything about one matrix. `counts` are of results: each cell has one for each machine that ran it.
 
     `main` is how many of the cells are main ones, `works` how many of those are plainly good wherever they ran,
@@ -299,8 +289,7 @@ class Sheet:
     frames: tuple[FrameRow, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Report:
+class Report(Struct, frozen=True, kw_only=True):
     """A whole report, ready to be presented: a sheet per matrix, and what they share.
 
     `measured` are the first and the last day of measuring, `platforms` the machines in a few words each, `uncovered`
