@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Protocol
+
+from msgspec import Struct
 
 from harness.judging.expectation import Judged
 from harness.judging.known_failures import Explained, has_causes, select_counting
@@ -11,8 +12,7 @@ from harness.model import Phase
 from harness.model.vocabulary import CHANGING
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Failure:
+class Failure(Struct, frozen=True, kw_only=True):
     """The first phase that failed, the known failures that count there, deepest first, and the decisive line."""
 
     phase: Phase | None

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from typing import Protocol, TypeVar
+
+from msgspec import Struct
 
 from harness.matrix.signatures import Signature
 from harness.model import Phase, Verdict
@@ -16,8 +17,7 @@ T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Knowledge:
+class Knowledge(Struct, frozen=True, kw_only=True):
     """All that failures are compared with, read only if there are any.
 
     `silent` returns the signatures of silent issues, for results without a failure; if it is None, all signatures are

@@ -8,7 +8,8 @@ trouble hit, the cell is judged twice, once as if everything hit had passed and 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from harness.judging.counted_phases import (
     ON_REQUEST,
@@ -29,8 +30,7 @@ AFTER_IMPORT = frozenset({Verdict.PARTIAL, Verdict.BROKEN})
 Outcomes = Mapping[Phase, Outcome]
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Judgement:
+class Judgement(Struct, frozen=True, kw_only=True):
     """The meaning of evidence. `phase` is the first that decided it, `decisive` the line that says why.
 
     `observed` is the cell's observation behind that line, if the line is ours. `unverified` names the phases that a

@@ -10,9 +10,10 @@ import secrets
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic, sleep
+
+from msgspec import Struct
 
 from harness.machine.files.guarded_files import log_text
 from harness.machine.process import Command, Completed, Limits, Profile, Running, start
@@ -54,8 +55,7 @@ class NoDisplayError(Exception):
     """The X server did not start."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class DisplayedCommand:
+class DisplayedCommand(Struct, frozen=True, kw_only=True):
     """A command whose display is up; `server` is its own X server, if it has one.
 
     `places` maps the display to the text that evidence shows instead: its number says nothing.
@@ -63,7 +63,7 @@ class DisplayedCommand:
 
     command: Command
     server: Running | None = None
-    places: Mapping[str, str] = field(default_factory=dict)
+    places: Mapping[str, str] = {}
 
     def lost(self) -> str | None:
         """Return how the server ended, or None if it runs.

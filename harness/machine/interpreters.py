@@ -13,10 +13,10 @@ import os
 import re
 import sys
 import threading
-from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
+from msgspec import Struct
 from packaging.version import InvalidVersion, Version
 
 from harness.machine import python_discovery
@@ -45,8 +45,7 @@ print({_MARK!r} + json.dumps({{
 """
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Facts:
+class Facts(Struct, frozen=True, kw_only=True):
     """The facts that an interpreter reports about itself."""
 
     version: str
@@ -67,8 +66,7 @@ class Facts:
         return self.name + "".join(suffixes)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _CacheEntry:
+class _CacheEntry(Struct, frozen=True, kw_only=True):
     """Cached facts: they hold for the file of this size and time of change (nanoseconds)."""
 
     size: int

@@ -11,13 +11,13 @@ import logging
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from time import time
 from typing import Any, TypeVar
 
 import msgspec
+from msgspec import Struct
 
 from harness.machine.files import guarded_files
 from harness.machine.files.cache_path import cache_path
@@ -149,8 +149,7 @@ def question_key(question: Question, interpreter: Interpreter) -> str:
     return digest("lock", question, interpreter.implementation, interpreter.version, os.uname().machine)
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class InstallResult:
+class InstallResult(Struct, frozen=True, kw_only=True):
     """The result of an install: the environment's key and what was found inside, or the step that failed.
 
     `modules` are the top-level modules of each package, `speaking` the packages that require an API, by API. `unheld`
@@ -158,9 +157,9 @@ class InstallResult:
     """
 
     key: str | None = None
-    versions: Mapping[str, str] = field(default_factory=dict)
-    modules: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    speaking: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    versions: Mapping[str, str] = {}
+    modules: Mapping[str, tuple[str, ...]] = {}
+    speaking: Mapping[str, tuple[str, ...]] = {}
     unheld: tuple[tuple[str, str], ...] = ()
     seconds: float = 0.0
     findings: tuple[Finding, ...] = ()
@@ -195,8 +194,7 @@ class StoredSummary(msgspec.Struct, frozen=True):
         return {case: peak for case, peak in most.items() if peak}
 
 
-@dataclass(frozen=True)
-class Store:
+class Store(Struct, frozen=True):
     """All that was measured, below one folder."""
 
     folder: Path

@@ -9,7 +9,6 @@ import re
 import shutil
 import sys
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from threading import RLock
@@ -17,6 +16,7 @@ from types import MappingProxyType
 from typing import Any
 
 import msgspec
+from msgspec import Struct
 
 from harness.machine import display, process
 from harness.machine.files import guarded_files
@@ -65,8 +65,7 @@ PASSED = {
 libraries under the ones being tested: a matrix may set it."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Machine:
+class Machine(Struct, frozen=True, kw_only=True):
     """A class of machine and this one's facts. Two machines with one id give the same results."""
 
     id: str

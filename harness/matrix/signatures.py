@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
-from msgspec import Meta, field
+from msgspec import Meta, Struct, field
 from msgspec.structs import asdict
 
 from harness.matrix.matrix_types import Table
@@ -273,8 +272,7 @@ def _check_silent(signature: Signature) -> str | None:
     return None
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Sighting:
+class Sighting(Struct, frozen=True, kw_only=True):
     """An observation with the line that it stands in; `is_reason` marks a line that says why something failed."""
 
     observed: Observation

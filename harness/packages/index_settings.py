@@ -9,10 +9,11 @@ import os
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlsplit
+
+from msgspec import Struct
 
 from harness.machine.files import given_files
 from harness.model import IndexSettings
@@ -25,8 +26,7 @@ NOTHING = IndexSettings()
 """Of a matrix that says nothing about its places."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class UserIndex:
+class UserIndex(Struct, frozen=True, kw_only=True):
     """The places from which this user's uv and pip take packages.
 
     `default` None is the index that pypi-simple and uv know by themselves. `extra` are asked before it, `find_links`
@@ -42,7 +42,7 @@ class UserIndex:
     strategy: str | None = None
     certificates: str | None = None
     proxy: str | None = None
-    trust: Mapping[str, str] = field(default_factory=dict)
+    trust: Mapping[str, str] = {}
 
 
 def settings() -> UserIndex:

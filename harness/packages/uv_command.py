@@ -10,9 +10,10 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+
+from msgspec import Struct, field
 
 from harness.machine import process
 from harness.machine.files.file_locks import mark_used
@@ -40,15 +41,14 @@ def shared_cache() -> Path:
     return cache_folder() / "uv"
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Call:
+class Call(Struct, frozen=True, kw_only=True):
     """The settings of a uv command: package sources, cache, working folder and variables."""
 
     index: IndexSettings
     folder: Path
     cache: Path = field(default_factory=shared_cache)
     offline: bool = False
-    variables: Mapping[str, str] = field(default_factory=dict)
+    variables: Mapping[str, str] = {}
 
     @property
     def log(self) -> Path:
@@ -56,8 +56,7 @@ class Call:
         return self.folder / "uv.log"
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Result:
+class Result(Struct, frozen=True, kw_only=True):
     """The result of a uv command: its output (no paths of this machine), and `trouble` if uv did not end by itself."""
 
     ok: bool

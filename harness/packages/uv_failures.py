@@ -7,7 +7,8 @@ for a trouble of the index.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from harness.model import Outcome, Phase, Step
 from harness.model.errors import UnusableRequirement
@@ -78,8 +79,7 @@ DEBUG = re.compile(r"^(?:DEBUG|TRACE|INFO|WARN) ")
 WARNING = re.compile(r"^warning: ")
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _UvMessage:
+class _UvMessage(Struct, frozen=True, kw_only=True):
     """A message of uv taken apart: its own words, and the output of the build backend that it called."""
 
     own: tuple[str, ...]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from string import ascii_uppercase
 
+from msgspec import Struct
 from packaging.version import InvalidVersion, Version
 
 from harness.physics.relation import STARTS, Class, Comparison
@@ -15,8 +15,7 @@ Compare = Callable[[str, str], Comparison]
 """Compares two cells, named by their ids."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Boundary:
+class Boundary(Struct, frozen=True, kw_only=True):
     """Two neighbouring cells along an axis that do not behave, or do not start, alike.
 
     `moved` maps each package whose version differs in their locks to both versions: if it is the axis alone, the

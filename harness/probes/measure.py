@@ -6,8 +6,9 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
+
+from msgspec import Struct
 
 from harness.machine import process
 from harness.machine.store import now
@@ -39,8 +40,7 @@ MOST_EVIDENCE, MOST_FRAMES = 64 << 20, 16
 FINE = frozenset({Outcome.PASSED, Outcome.SKIPPED})
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Laboratory:
+class Laboratory(Struct, frozen=True, kw_only=True):
     """All that the probes of one cell share: where they run, and what is noted beside each run.
 
     `site` makes the environment when one really has to run. `host` is what is known of the host before a run, `places`

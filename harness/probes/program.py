@@ -10,12 +10,12 @@ from __future__ import annotations
 import ast
 import hashlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from threading import Lock
 
 import msgspec
+from msgspec import Struct
 
 from harness.machine import store
 from harness.model import decoding
@@ -40,8 +40,7 @@ class File(msgspec.Struct, frozen=True):
     imports: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Program:
+class Program(Struct, frozen=True):
     """The in-cell files of one folder, by name."""
 
     files: Mapping[str, File]

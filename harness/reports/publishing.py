@@ -16,6 +16,7 @@ from stat import S_ISDIR
 from typing import Any, NamedTuple
 
 import msgspec
+from msgspec import Struct
 
 from harness.judging.runs.case import BULKY
 from harness.judging.runs.check import phase_of
@@ -42,8 +43,7 @@ HEAD_BYTES, TAIL_BYTES, WORTH_LEAVING_OUT = 2_000, 6_000, 1_000
 """Bytes of the beginning and of the end of a log that a report shows, and the fewest between them that are left out."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Wanted:
+class Wanted(Struct, frozen=True, kw_only=True):
     """The user's options for the report; `alone` leaves out earlier measurements, as a shard does."""
 
     out: Path | None

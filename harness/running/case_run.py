@@ -7,8 +7,9 @@ one more.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
 from functools import cache
+
+from msgspec import Struct
 
 from harness.judging.runs.case import case_record, phases
 from harness.judging.runs.fold import MEASURED_AGAIN, REPEAT, CasePlan, Folded, add_run, fold, wanted_of
@@ -24,8 +25,7 @@ from harness.standalone.adapters import encode_declarations
 JUDGING = ("harness.judging.runs.case", "harness.judging.runs.todo")
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Context:
+class Context(Struct, frozen=True, kw_only=True):
     """The parts that the cases of one cell share.
 
     `laboratory` runs the probes and keeps what they show. `identity` is all that a key holds besides the case:
@@ -40,7 +40,7 @@ class Context:
     fresh: bool = False
     again: bool = False
     verify: bool = False
-    measured: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    measured: dict[str, tuple[str, ...]] = {}
     notify: Callable[[str], None] = lambda _: None
 
     def plan_case(self, case: Case) -> CasePlan:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from heapq import heapify, heapreplace
 from math import fsum
 from statistics import median
 from typing import Self
 
 import msgspec
+from msgspec import Struct
 
 from harness.model import Cell
 from harness.model.report_types import Document
@@ -25,8 +25,7 @@ MOST = 10_000
 """Shards of a run."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Shard:
+class Shard(Struct, frozen=True, kw_only=True):
     """One of `count` shards; `number` is counted from 1."""
 
     number: int

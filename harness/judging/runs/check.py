@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import cache
+
+from msgspec import Struct
 
 from harness.judging.runs.decisive_line import decisive_of_check, observed_of_check
 from harness.model import FAILING, CheckRecord, CheckReply, Finding, Level, Outcome, Phase, ProbeReply
@@ -50,8 +51,7 @@ DRAWING_CODE = r"/(?:OpenGL|glfw)/"
 """Files of a traceback in which something was about to draw by OpenGL, in a way of their own or by MUJOCO_GL."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Ending:
+class Ending(Struct, frozen=True, kw_only=True):
     """The end of a probe's process, as far as it matters to the check that was running then.
 
     `overran` is the limit in seconds that ended it, `trouble` why the harness ended it for another reason. `full` is

@@ -18,11 +18,12 @@ import shutil
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from threading import Lock
+
+from msgspec import Struct
 
 from harness.machine import process
 from harness.machine.files.guarded_files import read
@@ -78,8 +79,7 @@ with open(made, "wb") as file:
 """Compiles files: nothing of them is run. Its own Python takes no module from the environment (`-I -S`)."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Source:
+class Source(Struct, frozen=True, kw_only=True):
     """The environment that byte code belongs to: its folders, its Python, and where its byte code is kept."""
 
     folders: tuple[Path, ...]
@@ -87,8 +87,7 @@ class Source:
     cache: Path
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class RunFolders:
+class RunFolders(Struct, frozen=True, kw_only=True):
     """The folders of one run: `prefix` has its byte code, `compiled` is shared by all runs that import the same.
 
     With `covered` the prefix is what is kept, and the run has to cover it with a layer.

@@ -13,10 +13,11 @@ import tempfile
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
+
+from msgspec import Struct
 
 from harness.machine.files.guarded_files import read
 from harness.machine.files.scratch_folders import remove_folder
@@ -45,8 +46,7 @@ class File(NamedTuple):
     mark: str = ""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Tree:
+class Tree(Struct, frozen=True, kw_only=True):
     """Byte code by the names of its sources, and the folder of its files. `whole` is false where some was damaged."""
 
     folder: Path

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
+from msgspec import Struct
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 from packaging.utils import canonicalize_name
@@ -22,8 +22,7 @@ LEADS_ON = "_simmatrix_below.pth"
 """What makes Python look on in the environment below."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Description:
+class Description(Struct, frozen=True, kw_only=True):
     """The metadata of an environment, read together.
 
     `modules` are the top-level modules of each package, as RECORD lists its files. `asking` are the packages that

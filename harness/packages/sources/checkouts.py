@@ -9,9 +9,10 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import parse_qs, urldefrag, urlsplit
+
+from msgspec import Struct
 
 from harness.machine import process
 from harness.machine.files.file_locks import exclusive, mark_used
@@ -65,8 +66,7 @@ FIXED = {
 PROXIES = ("http_proxy", "https_proxy", "all_proxy", "no_proxy")
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class State:
+class State(Struct, frozen=True, kw_only=True):
     """The state of a source tree: a hash of its content, its commit, and whether its files differ from that commit."""
 
     mark: str
@@ -74,8 +74,7 @@ class State:
     changed: bool = False
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Repository:
+class Repository(Struct, frozen=True, kw_only=True):
     """A repository as pip writes it: `git+ADDRESS@REFERENCE#subdirectory=FOLDER`."""
 
     address: str

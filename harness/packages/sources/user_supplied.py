@@ -9,8 +9,9 @@ import os
 import shutil
 import tarfile
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
+
+from msgspec import Struct
 
 from harness.machine.files.file_locks import exclusive, mark_used
 from harness.machine.store import cache_folder, digest
@@ -22,8 +23,7 @@ WHOLE = "copied"
 """The name of the copy in its folder: it is renamed to it once it is whole."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Source:
+class Source(Struct, frozen=True, kw_only=True):
     """Software that the user supplies: the entry that asks for it, its place, and its present state."""
 
     bring: Bring

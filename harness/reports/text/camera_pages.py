@@ -7,8 +7,9 @@ the host, which is the known workaround if the first fails.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from enum import StrEnum
+
+from msgspec import Struct
 
 from harness.model import Outcome
 from harness.model.report_types import CaseEntry, CellEntry
@@ -45,8 +46,7 @@ ENDS = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Way:
+class Way(Struct, frozen=True, kw_only=True):
     """One way to the picture: its result, the reason, and what native code printed besides.
 
     `error` is CUDA's number if the picture is None and a buffer could not be mapped or imported.
@@ -62,8 +62,7 @@ class Way:
         return f"error {self.error}" if self.seen is Seen.ERROR else self.seen.value
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Pair:
+class Pair(Struct, frozen=True, kw_only=True):
     """A compute device and a graphics device, with the results of both ways."""
 
     compute: int

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+
+from msgspec import Struct
 
 from harness.model import Verdict
 from harness.model.report_types import SYMBOLS, UNTOLD, format_count, word
@@ -32,12 +33,11 @@ NAMED, LISTED = 3, 6
 """Combinations that are named where there are more than a few, and how many are a few."""
 
 
-@dataclass(frozen=True)
-class Headings:
+class Headings(Struct, frozen=True):
     """The headings of the causes of a page, and the anchors that GitHub makes of them."""
 
-    titles: Mapping[int, str] = field(default_factory=dict)
-    anchors: Mapping[int, str] = field(default_factory=dict)
+    titles: Mapping[int, str] = {}
+    anchors: Mapping[int, str] = {}
 
     def title(self, trouble: Trouble) -> str:
         """Return the heading of a cause: the id of its known issue as code, else a number and its verdicts."""

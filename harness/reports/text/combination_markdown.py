@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from harness.model import Role, Verdict
 from harness.model.report_types import SYMBOLS, format_count, word
@@ -23,8 +24,7 @@ MACHINE = "machine"
 """The head of a column; a single machine is told below the table."""
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
+class Column(Struct, frozen=True):
     """A column of the table: its head, its cells by row, and whether they are numbers."""
 
     head: str

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+
+from msgspec import Struct
 
 from harness.model import Cell, CellRecord, ControlRecord, Phase, replace
 from harness.model.errors import BadInput
@@ -14,15 +15,14 @@ from harness.running.scheduler.settings import QuietObserver
 from harness.running.scheduler.steps import Steps, carry_out, peek, pending
 
 
-@dataclass(frozen=True, slots=True)
-class ControlledRunner:
+class ControlledRunner(Struct, frozen=True):
     """A runner of cells that completes each record with the controls that it turns on.
 
     `results` has the record of every control that was asked for, by its id; runners of other settings may share it.
     """
 
     runner: Runner
-    results: dict[str, ControlRecord] = field(default_factory=dict)
+    results: dict[str, ControlRecord] = {}
 
     def measure(self, cell: Cell) -> CellRecord:
         """Take one cell through its phases; keep its results, but not its record."""

@@ -24,6 +24,8 @@ from heapq import heappop, heappush
 from threading import Thread
 from typing import Any
 
+from msgspec import Struct
+
 from harness.machine import process, this_machine
 from harness.machine.files.file_locks import Claim, claim
 from harness.machine.store import Store, digest
@@ -98,8 +100,7 @@ class _Ready:
     memory_mb: int = field(compare=False)
 
 
-@dataclass(frozen=True, slots=True)
-class _Probing:
+class _Probing(Struct, frozen=True):
     """A cell that has a slot."""
 
     ready: _Ready

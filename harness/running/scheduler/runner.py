@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from time import monotonic
 from typing import TYPE_CHECKING
 
+from msgspec import Struct
+
 from harness.judging.exercised import unregistered_id
 from harness.machine import debian_packages, interpreters, process, this_machine
 from harness.machine.files.file_locks import claim, exclusive
@@ -47,8 +49,7 @@ if TYPE_CHECKING:
     from harness.running.scheduler import subject_in_cell
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Prepared:
+class Prepared(Struct, frozen=True, kw_only=True):
     """A cell that is resolved and installed. `cases` are still to be probed, in `context`; none where it is finished.
 
     `claims` are the keys of the runs to be made, `environment` is the key of where; `suite` comes after the cases.

@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+from msgspec import Struct
+
 from harness.machine import free_memory
 from harness.machine.store import InstallResult, Store
 from harness.model import Cell, CellRecord, Interpreter, Lock, Phase, Step
@@ -25,8 +27,7 @@ WAITING = "wait"
 """The step of a cell whose environment stands and that has no slot yet."""
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class Settings:
+class Settings(Struct, frozen=True, kw_only=True):
     """The settings of a run; `until` is the last phase wanted.
 
     `jobs` is how many cells are probed at a time, or `AUTO`, which asks `reading` what memory is left. `fresh`
