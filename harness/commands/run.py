@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from harness.commands import arguments, select_cells
-from harness.judging.assess import assess
 from harness.machine import store
 from harness.machine.console import tell
 from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
@@ -128,6 +127,8 @@ def _run_remedies(
     plans: Sequence[Plan], records: Sequence[CellRecord], opened: store.Store, settings: scheduler.Settings
 ) -> tuple[list[Plan], tuple[CellRecord, ...]]:
     """Run red cells again with the remedies of known failures. Return the plans with these cells, and their records."""
+
+    from harness.judging.assess import assess  # noqa: PLC0415 - start-up
 
     knowledge, recipes = shipped_signatures.load_knowledge(opened.folder), partial(open_matrix.recipes, Path())
     assessed = {plan.matrix: [assess(record, knowledge) for record in _of(plan, records)] for plan in plans}

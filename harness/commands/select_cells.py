@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from harness.judging.assess import assess
 from harness.machine import store, this_machine
 from harness.machine.files import given_files
 from harness.machine.store import Store
@@ -70,6 +69,8 @@ def select_failed(cells: Iterable[Cell], opened: Store) -> tuple[Cell, ...]:
 
 
 def _failed(cell: Cell, opened: Store, here: str, today: str) -> bool:
+    from harness.judging.assess import assess  # noqa: PLC0415 - start-up
+
     record = opened.load_current(here, cell)
     if record is None:
         return False

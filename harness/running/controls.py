@@ -16,7 +16,6 @@ from typing import Annotated, Any
 from msgspec import Meta, field
 from packaging.utils import canonicalize_name
 
-from harness.judging.assess import assess
 from harness.judging.exercised import unregistered_id
 from harness.machine.files import given_files
 from harness.matrix.matrix_types import Table
@@ -120,6 +119,8 @@ def _text(path: Path) -> str:
 
 def find_controls(record: CellRecord) -> dict[str, Cell | str]:
     """Return the control, as a cell, of each adapter with a failure after the install; or why there is none."""
+    from harness.judging.assess import assess  # noqa: PLC0415 - start-up
+
     # A case with `required` may fail by a finding alone, which only `assess` counts.
     if not any(case.api and (case.required or _fails(case.phases)) for case in record.cases):
         return {}
@@ -200,6 +201,8 @@ def _cell(place: Path, name: str) -> Cell:
 
 def judge(record: CellRecord, lock: str | None) -> ControlRecord:
     """Judge a control's cell and return the control's record; `lock` is the text of the lock that it was run with."""
+    from harness.judging.assess import assess  # noqa: PLC0415 - start-up
+
     name = f"control {record.cell.label}"
     judged = assess(record)
     match judged.verdict:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
-from harness.judging.assess import Assessed
 from harness.matrix import changes
 from harness.matrix.signatures import Signature
 from harness.model import Cell, Change, Plan, Question, Repair, Tried, replace
+
+if TYPE_CHECKING:
+    from harness.judging.assess import Assessed
 
 Recipes = Mapping[str, tuple[Repair, ...]]
 

@@ -10,7 +10,6 @@ from time import monotonic
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeVar
 
-from harness.judging.assess import assess
 from harness.judging.exercised import unregistered_id
 from harness.machine.console import limit_width
 from harness.model import Cell, CellRecord, Verdict
@@ -32,6 +31,8 @@ QUIET_SECONDS = 10.0
 
 def headline(record: CellRecord) -> str:
     """Return one line about a finished cell, for the progress display."""
+    from harness.judging.assess import assess  # noqa: PLC0415 - start-up
+
     judged = assess(record)
     where = f" in {judged.phase}" if judged.phase and judged.verdict is not Verdict.UNAVAILABLE else ""
     note = " (reused)" if record.reused else f" ({record.seconds:.1f} s)"
