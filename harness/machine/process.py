@@ -1,6 +1,7 @@
 """Run every uv command, build and probe under the supervisor, within limits; it is the only spawner and leaves nothing.
 
-The harness's end, even by SIGKILL, closes the pipe to each supervisor, which ends everything below it.
+The harness's end, even by SIGKILL, closes the pipe to each supervisor, which ends everything below it. Any Python
+can import this module and start a command under it: nothing but the standard library is needed.
 """
 
 from __future__ import annotations
@@ -14,12 +15,11 @@ import signal
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from pathlib import Path
 from time import monotonic
 from typing import Any, Self, get_type_hints, overload
-
-from msgspec import Struct
 
 from harness.machine import fork_server
 from harness.machine.files.scratch_folders import scratch_folder
@@ -64,7 +64,8 @@ class Profile(StrEnum):
     HOST = "host"
 
 
-class Limits(Struct, frozen=True, kw_only=True):
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Limits:
     """The bounds of a command.
 
     `memory_mb` is for all processes together, shared pages counted once; `output_kb` is kept of the output.
@@ -75,7 +76,8 @@ class Limits(Struct, frozen=True, kw_only=True):
     output_kb: int = 2048
 
 
-class Command(Struct, frozen=True, kw_only=True):
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Command:
     """A command to run, and its bounds. `env` is the whole environment, to which CELL adds HOME, TMPDIR, XDG_*.
 
     CELL needs `home`, an existing folder; TMPDIR is `tmp` beside it (keep it under 75 characters: multiprocessing
@@ -99,7 +101,8 @@ class Command(Struct, frozen=True, kw_only=True):
     shielded: tuple[Path, ...] = ()
 
 
-class Report(Struct, frozen=True, kw_only=True):
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Report:
     """The end of a command as its supervisor tells it: `exit_code` or `signal`; both are None if it never ran.
 
     `killed` is why it was ended, or not run: the reason given to `Running.kill`; `supervisor: ...`; or, with
@@ -128,7 +131,8 @@ class Report(Struct, frozen=True, kw_only=True):
     least_room_mb: int | None = None
 
 
-class Completed(Report, frozen=True, kw_only=True):
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Completed(Report):
     """A command that has ended, or that was never started; `sandbox` is the one that it ran in."""
 
     argv: tuple[str, ...]
@@ -236,7 +240,7 @@ class Running:
         if report is None:
             _end_orphans(self.command)
             report = Report(killed=f"supervisor: it ended with {code}, without a word")
-        end = {name: getattr(report, name) for name in Report.__struct_fields__}
+        end = {field.name: getattr(report, field.name) for field in fields(Report)}
         self._completed = Completed(argv=self.command.argv, log=self.log, sandbox=self.sandbox, **end)
         _live.discard(self)
 
