@@ -13,9 +13,11 @@ if __name__ == "__main__" or os.path.basename(sys.argv[0]) in {"simmatrix", "har
     interrupts.at_once()
 
 import argparse
+import atexit
 import errno
 import gc
 import importlib
+import threading
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
@@ -74,7 +76,21 @@ GARBAGE = 50_000
 def console() -> None:
     """Run the command line of an installed command, and exit."""
     output.guard()
-    sys.exit(main(sys.argv[1:]))
+    code = main(sys.argv[1:])
+    if threading.active_count() == 1:
+        _leave(code)
+    sys.exit(code)
+
+
+def _leave(code: int) -> None:
+    """Exit with a code, without the time that Python takes to free every object first."""
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except OSError:  # Python says what is to be said about that
+        return
+    atexit._run_exitfuncs()
+    os._exit(code)
 
 
 def main(arguments: Sequence[str]) -> int:
