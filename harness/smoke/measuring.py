@@ -14,7 +14,7 @@ from harness.machine import interpreters, process
 from harness.machine.store import Store, question_key
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, ControlRecord, Phase, replace
 from harness.probes import launch
-from harness.running.scheduler import ControlledRunner, QuietObserver, Runner, order, other_drawing
+from harness.running.scheduler import ControlledRunner, QuietObserver, Runner, order, other_drawing, start_looks
 from harness.smoke import judging
 from harness.smoke.frozen import SessionPlan
 
@@ -142,11 +142,25 @@ class Measuring:
         return record
 
     def _start(self, threads: ThreadPoolExecutor) -> None:
-        """Let threads measure all cells that have items; those of other Pythons in turn, as `run` does."""
+        """Let threads measure all cells that have items; those of other Pythons in turn, as `run` does.
+
+        What makes the report comes last: it is imported when a thread has nothing more to measure.
+        """
+        start_looks(self.store)
         cells = [cell for cell in self._frozen.cells if self.selection.has_items(cell)]
         places = order(cells, lambda _: 0.0)
         for cell in sorted(cells, key=lambda cell: places[cell.id]):
             self._ahead.append(threads.submit(self._measure_ahead, cell))
+        threads.submit(self._load_report)
+
+    def _load_report(self) -> None:
+        """Import what makes a report anew, if anything was measured anew."""
+        with suppress(Exception):
+            ended = [future for future in self._parts.values() if future.done()]
+            if self.selection.whole and not all(future.result().reused for future in ended):
+                from harness.reports import publishing  # noqa: PLC0415 - start-up
+
+                publishing.load()
 
     def _measure_ahead(self, cell: Cell) -> None:
         """Measure the steps and cases of a cell that items will ask for. What fails is tried again for its item."""

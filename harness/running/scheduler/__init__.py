@@ -1,7 +1,7 @@
 """Schedule many cells: resolve each question once, make each environment once, reuse results, run several at a time."""
 
 from harness.running.scheduler.control import ControlledRunner
-from harness.running.scheduler.flow import order, run, threads
+from harness.running.scheduler.flow import order, run, start_looks, threads
 from harness.running.scheduler.runner import Prepared, Runner
 from harness.running.scheduler.settings import (
     AUTO,
@@ -29,6 +29,7 @@ __all__ = [
     "other_drawing",
     "run",
     "shared_environment",
+    "start_looks",
     "steps",
     "threads",
 ]

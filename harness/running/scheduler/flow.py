@@ -62,8 +62,7 @@ def run(
     """
     if os.environ.get(process.FORCED):
         process.sandbox_mode()  # a mistake there is said at once
-    looks = Thread(target=_look, args=(store,), name="looks", daemon=True)
-    looks.start()
+    looks = start_looks(store)
     flow = Flow(Runner(store, settings, observer), meanwhile)
     left = [cell for cell in cells if not flow.report_stored(cell)]
     if left:
@@ -74,6 +73,13 @@ def run(
         flow.run(left, Past(store, lambda: this_machine.facts().id, left))
     looks.join()
     return tuple(flow.records[cell.id] for cell in cells)
+
+
+def start_looks(store: Store) -> Thread:
+    """Start a thread that finds out what every cell needs of this machine, beside the first commands."""
+    thread = Thread(target=_look, args=(store,), name="looks", daemon=True)
+    thread.start()
+    return thread
 
 
 def _look(store: Store) -> None:
