@@ -285,7 +285,7 @@ class Store(Struct, frozen=True):
         return guarded_files.load(self.folder / "cells" / name / "machine.json", dict[str, Any]) or {}
 
     def has_cells(self) -> bool:
-        """Return whether anything was ever measured here: a machine's folder holds more than its facts."""
+        """Return whether the record of any cell may be here."""
         return any((self.folder / "cells").glob("*/*/"))
 
     def cells(self) -> Iterator[CellRecord]:

@@ -30,7 +30,7 @@ from harness.probes.evidence import GIVEN, LOG, REPLY, STACKS, STARTUP_SECONDS
 INCELL = Path(__file__).parent.parent / "incell"
 
 POLL_SECONDS = 0.2
-"""How often it is looked which check is running; an end is seen at once."""
+"""Seconds between two looks at the check that is running; its end is seen at once."""
 LITTLE_ROOM, FEW_NAMES = 1 << 18, 8
 MOST_REPLY, MOST_TEXT, MOST_WORKERS, MOST_WRITTEN = 16 << 20, 200_000, 64, 100
 """Bytes that are read of a reply and of another file, and files of workers: what a cell leaves is not trusted."""

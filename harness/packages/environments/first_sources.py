@@ -14,7 +14,7 @@ from harness.model.vocabulary import INCELL
 
 FILE = Path(__file__).with_name("first_sources.txt")
 OWN, STANDARD, PACKAGES = "incell/", "standard/", "packages/"
-"""What the names in the list lie below: our in-cell files, the standard library, and site-packages."""
+"""The beginnings of names in the list: our in-cell files, the standard library, site-packages."""
 
 
 def load(python: Path, is_there: Callable[[str], object]) -> set[str]:
