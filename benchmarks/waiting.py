@@ -47,6 +47,15 @@ import msgspec, pathlib
 for one in pathlib.Path('reports').glob('*/report.json'):
     msgspec.json.decode(one.read_bytes())
 """
+# The first question to the store ends the process: all before it is the start of a run.
+STARTED = """
+import os, sys
+from harness import __main__
+from harness.machine import store
+store.open_store = lambda: os._exit(0)
+__main__.main(sys.argv[1:])
+"""
+BARE_START = "import argparse, tomllib, msgspec, packaging.requirements"
 HEAD = """# What a user waits for
 
 Made by `python -m benchmarks.waiting --runs {runs}` on {day}: Python {python}, {system}, {cores} cores; medians of
@@ -90,10 +99,16 @@ class Bench:
         """Return the lines of the table."""
         nothing = (sys.executable, "-I", "-c", "import json, re, sys; sys.stdin.read()")
         decode = (sys.executable, "-c", DECODE)
+        start = (sys.executable, "-c", STARTED, "run", str(self.matrix))
         checks = "the two check processes of one cell, environment at hand"
         new_cell = "uv and the interpreter by hand: resolve, make, install, the same checks"
         reports = sorted(map(str, (ROOT / "reports").glob("*/report.json")))
         return (
+            Wait(
+                "start of `run`, to its first question to the store", 0.1, lambda: self.timed(start),
+                "an interpreter that imports argparse, tomllib, msgspec and packaging",
+                lambda: self.timed((sys.executable, "-c", BARE_START)),
+            ),
             Wait("first result of `run --fresh`, two combinations", 3, self.first_result, checks, self.checks_by_hand),
             Wait("both results of `run --fresh`", 0, self.all_results, checks, self.checks_by_hand),
             Wait("`try` of CartPole, a new environment", 3, self.tried, new_cell, self.tried_by_hand),

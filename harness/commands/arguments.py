@@ -6,7 +6,8 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from harness.running import scheduler, shards
+from harness.machine.capacity import AUTO, default_jobs
+from harness.running import shards
 
 FAIL_ON = ("unexpected", "stale", "inconclusive", "unavailable", "not_run")
 DEFAULT_FAIL_ON = ("unexpected", "stale")
@@ -20,13 +21,13 @@ def matrix(parser: argparse.ArgumentParser) -> None:
 def jobs(parser: argparse.ArgumentParser) -> None:
     """Add `--jobs`."""
     meaning = "measure N combinations at a time; `auto`: as many as cores and memory allow (default: one per core)"
-    parser.add_argument("-j", "--jobs", type=_jobs, default=scheduler.default_jobs(), metavar="N", help=meaning)
+    parser.add_argument("-j", "--jobs", type=_jobs, default=default_jobs(), metavar="N", help=meaning)
 
 
 def _jobs(text: str) -> int:
     """Return the value of `--jobs`: a number of at least 1, or AUTO for `auto`."""
     if text == "auto":
-        return scheduler.AUTO
+        return AUTO
     if not text.isdigit() or int(text) < 1:
         message = f"{text!r} is neither a number of at least 1 nor `auto`"
         raise argparse.ArgumentTypeError(message)

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from harness.commands import arguments, select_cells
 from harness.machine import store
 from harness.machine.console import tell
-from harness.model import CASE_PHASES, Cell, CellRecord, Phase, Plan
-from harness.model.errors import BadInput, HarnessError
+from harness.model import CASE_PHASES, Cell, Phase, Plan
+from harness.model.errors import BadInput
 from harness.model.report_types import format_count
 from harness.reports.answers import misspelt
-from harness.reports.text import progress
-from harness.running import open_matrix, remedy_trials, scheduler, shards
-from harness.running.signatures import shipped_signatures
+from harness.running import open_matrix, shards
 
 if TYPE_CHECKING:
     from harness.running.offline.offline_bundle import Fetched
@@ -68,25 +64,17 @@ UNTIL = tuple(phase.value for phase in (Phase.RESOLVE, Phase.INSTALL, *CASE_PHAS
 def main(args: argparse.Namespace) -> int:
     """Run the matrices and publish their reports. Return the exit code, which depends on `--fail-on`."""
     layer = _open_fetched(args.fetched) if args.fetched else None
-    settings = scheduler.Settings(
-        jobs=args.jobs,
-        until=Phase(args.until),
-        fresh=args.fresh,
-        again=args.only_failed,
-        offline=args.offline or layer is not None,
-        verify=args.verify,
-        fetched=layer,
-    )
+    offline = args.offline or layer is not None
     if (args.prove or args.repair) and layer:
         option = "--prove" if args.prove else "--repair"
         message = f"{option}: the packages of a fix are not in a folder of `fetch`; leave --fetched out"
         raise BadInput(message)
-    planned = [open_matrix.load(name, tell, offline=settings.offline, fetched=layer) for name in args.matrices]
+    planned = [open_matrix.load(name, tell, offline=offline, fetched=layer) for name in args.matrices]
     # Mistakes are looked for before the store is opened: bad input leaves no result behind.
     select_cells.check_distinct(planned)
     cells = select_cells.select([cell for plan in planned for cell in plan.cells], args.k)
     if layer is None:
-        misspelt.check_cells(cells, tell, offline=settings.offline)
+        misspelt.check_cells(cells, tell, offline=offline)
     if args.pivot:
         from harness.reports.tables import tables  # noqa: PLC0415 - start-up
 
@@ -94,27 +82,12 @@ def main(args: argparse.Namespace) -> int:
     if args.out:
         store.writable(args.out)
     opened = store.open_store()
-    plans = [open_matrix.set_instant(plan, opened, fetched=layer, offline=settings.offline) for plan in planned]
+    plans = [open_matrix.set_instant(plan, opened, fetched=layer, offline=offline) for plan in planned]
     chosen = _chosen(args, plans, opened, layer)
-    earlier = partial(_earlier_seconds, args.matrices, plans, chosen, opened)
-    with progress.Progress(len(chosen), settings.jobs, progress.headline, earlier) as board:
-        records = scheduler.run(chosen, opened, settings, board, _load_report)
-    if args.prove:
-        plans, more = _run_remedies(plans, records, opened, settings)
-        records = (*records, *more)
-    if args.repair:
-        plans, more = _run_repairs(plans, records, opened, settings)
-        records = (*records, *more)
-    from harness.reports import publishing  # noqa: PLC0415 - start-up: the report comes after the last cell
+    # What runs cells is imported once the store has been asked: input that is refused does not wait for it.
+    from harness.commands import measure_plans  # noqa: PLC0415 - start-up
 
-    return publishing.finish(plans, records, opened, publishing.Wanted.of(args))
-
-
-def _load_report() -> None:
-    """Import what makes the report, which takes a while."""
-    from harness.reports import publishing  # noqa: PLC0415 - start-up
-
-    publishing.load()
+    return measure_plans.measure(args, plans, chosen, opened, layer)
 
 
 def _open_fetched(folder: Path) -> Fetched:
@@ -123,48 +96,13 @@ def _open_fetched(folder: Path) -> Fetched:
     return offline_bundle.open_folder(folder)
 
 
-def _run_remedies(
-    plans: Sequence[Plan], records: Sequence[CellRecord], opened: store.Store, settings: scheduler.Settings
-) -> tuple[list[Plan], tuple[CellRecord, ...]]:
-    """Run red cells again with the remedies of known failures. Return the plans with these cells, and their records."""
-
-    from harness.judging.assess import assess  # noqa: PLC0415 - start-up
-
-    knowledge, recipes = shipped_signatures.load_knowledge(opened.folder), partial(open_matrix.recipes, Path())
-    assessed = {plan.matrix: [assess(record, knowledge) for record in _of(plan, records)] for plan in plans}
-    cells = [cell for plan in plans for cell in remedy_trials.make_trials(plan.cells, assessed[plan.matrix], recipes)]
-    if not cells:
-        tell("no fix of a known issue is left to try")
-        return list(plans), ()
-    tell(f"{format_count(len(cells), 'failed combination')} to measure again, each with the fix of a known issue")
-    with progress.Progress(len(cells), settings.jobs, progress.headline) as board:
-        more = scheduler.run(cells, opened, settings, board)
-    return [remedy_trials.add(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
-
-
-def _run_repairs(
-    plans: Sequence[Plan], records: Sequence[CellRecord], opened: store.Store, settings: scheduler.Settings
-) -> tuple[list[Plan], tuple[CellRecord, ...]]:
-    """Search for a repair of each red cell. Return the plans with the repaired cells, and their records."""
-    from harness.commands import repair  # noqa: PLC0415 - start-up
-
-    with progress.SearchProgress() as board:
-        more = repair.repair_all(records, opened, settings, board)
-    cells = [record.cell for record in more]
-    return [remedy_trials.add(plan, [cell for cell in cells if cell.matrix == plan.matrix]) for plan in plans], more
-
-
-def _of(plan: Plan, records: Sequence[CellRecord]) -> list[CellRecord]:
-    return [record for record in records if record.cell.matrix == plan.matrix]
-
-
 def _chosen(
     args: argparse.Namespace, plans: Sequence[Plan], opened: store.Store, layer: Fetched | None
 ) -> tuple[Cell, ...]:
     """Return the cells to run, after -k, --shard and --only-failed. A shard, or the failed cells, may be none."""
     cells = select_cells.select([cell for plan in plans for cell in plan.cells], args.k)
     if args.shard:
-        seconds = layer.seconds() if layer else _committed(args.matrices, plans)
+        seconds = layer.seconds() if layer else select_cells.committed_seconds(args.matrices, plans)
         seconds |= select_cells.durations(args.durations)
         whole, cells = len(cells), shards.split(cells, args.shard.count, seconds)[args.shard.number - 1]
         tell(f"shard {args.shard}: {len(cells)} of {format_count(whole, 'cell')}")
@@ -173,23 +111,3 @@ def _chosen(
         if not cells:
             tell("nothing to do: no combination failed or was inconclusive the last time")
     return cells
-
-
-def _earlier_seconds(
-    names: Sequence[str], plans: Sequence[Plan], cells: Sequence[Cell], opened: store.Store
-) -> dict[str, float]:
-    """Return the seconds that cells took before, by id: here, else where the committed report was measured."""
-    seconds: dict[str, float] = {}
-    with contextlib.suppress(HarnessError):  # a report that cannot be read is no reason to measure nothing
-        seconds |= _committed(names, plans)
-    seconds |= {record.cell.id: record.seconds for record in opened.cells() if record.seconds}
-    return {cell.id: seconds[cell.id] for cell in cells if cell.id in seconds}
-
-
-def _committed(names: Sequence[str], plans: Sequence[Plan]) -> dict[str, float]:
-    """Return the seconds of cells, by id, from the reports that are committed for these matrices."""
-    files = (
-        select_cells.committed_report(open_matrix.locate(name), plan.matrix)
-        for name, plan in zip(names, plans, strict=True)
-    )
-    return select_cells.durations(file for file in files if file)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from harness.machine import store, this_machine
+from harness.machine import store
 from harness.machine.files import given_files
 from harness.machine.store import Store
 from harness.model import Cell, Plan, Verdict, cellid
 from harness.model.errors import BadInput
-from harness.running import shards
-from harness.running.signatures import shipped_signatures
+from harness.running import open_matrix, shards
 
 
 def committed_report(matrix: Path, name: str) -> Path | None:
@@ -31,6 +30,12 @@ def durations(files: Iterable[Path]) -> dict[str, float]:
         content = given_files.read_content(file, f"--durations {file}")
         seconds |= shards.recorded_seconds(document.read(content, str(file)))
     return seconds
+
+
+def committed_seconds(names: Sequence[str], plans: Sequence[Plan]) -> dict[str, float]:
+    """Return the seconds of cells, by id, from the reports that are committed for these matrices."""
+    files = (committed_report(open_matrix.locate(name), plan.matrix) for name, plan in zip(names, plans, strict=True))
+    return durations(file for file in files if file)
 
 
 def choose(cells: Sequence[Cell], pattern: str | None) -> tuple[Cell, ...]:
@@ -64,12 +69,15 @@ def check_distinct(plans: Sequence[Plan]) -> None:
 
 def select_failed(cells: Iterable[Cell], opened: Store) -> tuple[Cell, ...]:
     """Return the cells whose last record here is inconclusive or not as expected. Cells that never ran are left out."""
+    from harness.machine import this_machine  # noqa: PLC0415 - start-up: few runs ask for the failed cells
+
     here, today = this_machine.facts().id, store.now()
     return tuple(cell for cell in cells if _failed(cell, opened, here, today))
 
 
 def _failed(cell: Cell, opened: Store, here: str, today: str) -> bool:
     from harness.judging.assess import assess  # noqa: PLC0415 - start-up
+    from harness.running.signatures import shipped_signatures  # noqa: PLC0415 - start-up
 
     record = opened.load_current(here, cell)
     if record is None:

@@ -1,10 +1,10 @@
-"""Use this machine: processes under the supervisor, files and file locks, interpreters, displays, memory."""
+"""Use this machine: processes under the supervisor, files and file locks, interpreters, displays, cores and memory."""
 
 __all__ = [
+    "capacity",
     "console",
     "debian_packages",
     "display",
-    "free_memory",
     "interpreters",
     "interrupts",
     "process",

@@ -192,7 +192,7 @@ def _read(path: Path, interpreter: Interpreter, groups: Mapping[str, Any]) -> Su
         reason = f"{path.name} is not for Python {interpreter.minor} on this platform"
         raise install_failed(Outcome.FAILED, reason)
     _check_python(f"{name} {version}", str(headers.get("Requires-Python", "")), interpreter)
-    files = [Path(line.partition(",")[0]) for line in record]
+    files = [line.partition(",")[0] for line in record]
     return SubjectWheel(
         path=path,
         tested=Tested(

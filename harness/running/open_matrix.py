@@ -19,9 +19,6 @@ from harness.matrix.matrix_types import Expansion, Matrix
 from harness.model import Cell, IndexSettings, Plan, Question, Repair, Subject, replace
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable
-from harness.packages import index
-from harness.probes.vault import MOST_FILE, Vault
-from harness.running.signatures import shipped_signatures
 
 if TYPE_CHECKING:
     from harness.running.offline.offline_bundle import Fetched
@@ -80,6 +77,8 @@ def gather(
     path = fetched.matrix(name)[1] if fetched else locate(name)
     matrix = matrix_file.read(_text(path), str(path))
     if matrix_remedies.named_failures(matrix):
+        from harness.running.signatures import shipped_signatures  # noqa: PLC0415 - start-up: few matrices name one
+
         matrix = matrix_remedies.fill(matrix, shipped_signatures.load_all())
     # Both are UTC in one form, in which texts sort as instants do (`Instant.canonical`).
     if matrix.snapshot and matrix.snapshot > now():
@@ -122,6 +121,8 @@ def set_instant(
 
 def keep_bank(store: Store, path: Path, name: str | None = None) -> str:
     """Keep a bank of states where probes find it, and return its SHA-256. Raises BadInput if it is not `name`."""
+    from harness.probes.vault import MOST_FILE, Vault  # noqa: PLC0415 - start-up: few matrices have banks
+
     content_name = Vault(store.folder).keep(guarded_files.read(path, MOST_FILE, follow=True))
     if name not in {None, content_name}:
         message = f"{path}: it was changed while the matrix was read"
@@ -149,6 +150,8 @@ def files(name: str) -> dict[str, Path]:
 
 def _bank(path: Path, place: str) -> tuple[str, str]:
     """Return the SHA-256 and the file of a bank of states. Raises BadInput."""
+    from harness.probes.vault import MOST_FILE  # noqa: PLC0415 - start-up
+
     try:
         content = guarded_files.read(path, MOST_FILE, follow=True)
     except Unreadable as error:
@@ -205,6 +208,8 @@ def _expansion(
         status = "are to be expanded again" if renew else "were never expanded"
         message = f"{path}: its ranges {status}, which asks the index; run `simmatrix lock {path}` without --offline"
         raise CouldNotTell(message)
+    from harness.packages import index  # noqa: PLC0415 - start-up
+
     settings = _located(matrix.index, path.parent)
     releases = {
         name: [(release.version, release.yanked) for release in index.releases(name, settings, cutoff=instant)]

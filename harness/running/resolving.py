@@ -5,6 +5,7 @@ from __future__ import annotations
 import sysconfig
 from collections.abc import Sequence
 
+from harness.machine import capacity
 from harness.machine.store import Store
 from harness.matrix.plan import Ask
 from harness.model import Cell, Outcome
@@ -31,7 +32,7 @@ def asking(store: Store, settings: scheduler.Settings) -> Ask:
         return step.decisive if step.outcome is Outcome.FAILED else None
 
     def ask(cells: Sequence[Cell]) -> list[str | None]:
-        with scheduler.threads(settings.jobs or scheduler.default_jobs()) as (pool,):
+        with scheduler.threads(settings.jobs or capacity.default_jobs()) as (pool,):
             return list(pool.map(reason, cells))
 
     return ask

@@ -9,7 +9,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from heapq import heapify, heapreplace
 from math import fsum
-from statistics import median
 from typing import Self
 
 import msgspec
@@ -68,6 +67,8 @@ def split(cells: Sequence[Cell], count: int, seconds: Mapping[str, float]) -> tu
     more than a shard's fair part. Longest first, each to the shard with the least. A cell without recorded seconds
     counts as the median. The order of the cells has no part in it: matrices may be named in any.
     """
+    from statistics import median  # noqa: PLC0415 - start-up
+
     measured_seconds = [seconds[cell.id] for cell in cells if cell.id in seconds]
     usual = median(measured_seconds) if measured_seconds else ALONE
     cost = [seconds.get(cell.id, usual) for cell in cells]

@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 from xdist.scheduler import LoadGroupScheduling  # type: ignore[import-untyped]
 
+from harness.machine import capacity
 from harness.machine.store import digest
 from harness.model import Cell, replace
 from harness.model.errors import HarnessError
-from harness.running import scheduler
 from harness.running.scheduler import Runner
 
 Group = Callable[[Iterable[Cell]], Mapping[str, str]]
@@ -67,5 +67,5 @@ def by_environment(runner: Runner, cells: Iterable[Cell]) -> dict[str, str]:
         return digest(record.python, record.lock_sha256, built) if record.lock_sha256 else cell.id
 
     cell_list = tuple(cells)
-    with ThreadPoolExecutor(max_workers=scheduler.default_jobs()) as pool:
+    with ThreadPoolExecutor(max_workers=capacity.default_jobs()) as pool:
         return dict(zip((cell.id for cell in cell_list), pool.map(group, cell_list), strict=True))

@@ -69,11 +69,10 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int | None:
     if not config.getoption("matrix"):
         # None leaves the number to xdist: this session does not use the harness.
         return None
-    from harness.machine import free_memory  # noqa: PLC0415 - loaded by every pytest there is
-    from harness.running import scheduler  # noqa: PLC0415 - loaded by every pytest there is
+    from harness.machine import capacity  # noqa: PLC0415 - loaded by every pytest there is
     from harness.running.scheduler.cost_history import UNKNOWN_MB  # noqa: PLC0415
 
-    free, cores = free_memory.free_mb(), scheduler.default_jobs()
+    free, cores = capacity.free_mb(), capacity.default_jobs()
     return cores if free is None else max(1, min(cores, free // UNKNOWN_MB))
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from harness.judging.assess import assess
 from harness.machine import store
+from harness.machine.capacity import default_jobs
 from harness.matrix import plan
 from harness.model import Cell, CellRecord, Outcome, Phase, replace
 from harness.reports.text.markdown_texts import code_cell
@@ -91,7 +92,7 @@ def cell_of(number: int, entry: dict) -> Cell:
 
 def run(cells: Sequence[Cell], opened: store.Store) -> tuple[CellRecord, ...]:
     """Run the cells, except those measured before under the same keys."""
-    settings = scheduler.Settings(jobs=scheduler.default_jobs())
+    settings = scheduler.Settings(jobs=default_jobs())
     with Progress(len(cells), settings.jobs, headline) as board:
         return scheduler.run(cells, opened, settings, board)
 

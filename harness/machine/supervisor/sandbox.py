@@ -17,6 +17,10 @@ MNT_DETACH = 2
 ESCAPED = str.maketrans({character: f"\\{character}" for character in "\\:,"})
 """What the options of an overlay do not take as it is."""
 
+OVERLAY_OPTIONS = (",userxattr,volatile", ",userxattr", "")
+"""The best first. A user namespace needs `userxattr`, which kernels before 5.11 do not know. `volatile` (since 5.10)
+writes nothing to the disk before the layer is thrown away."""
+
 NAMES, LENGTH = 20_000, 1_000
 """Entries of a layer over byte code that are looked at, and the characters that the path of one may have."""
 
@@ -88,16 +92,20 @@ class Layer:
             self.cover()
 
     def cover(self) -> None:
-        """Mount the overlay; `userxattr` is tried first: a user namespace needs it, an old kernel does not know it."""
+        """Mount the overlay with the first options that this kernel takes."""
         for path in (self.upper, self.work):
             os.makedirs(path, exist_ok=True)
         os.chmod(self.upper, os.stat(self.folder).st_mode & 0o7777)
         paths = (("lowerdir", self.folder), ("upperdir", self.upper), ("workdir", self.work))
         options = ",".join(f"{name}={path.translate(ESCAPED)}" for name, path in paths)
-        try:
-            mount("overlay", self.folder, "overlay", 0, f"{options},userxattr")
-        except OSError:
-            mount("overlay", self.folder, "overlay", 0, options)
+        *better, plain = OVERLAY_OPTIONS
+        for extra in better:
+            try:
+                mount("overlay", self.folder, "overlay", 0, options + extra)
+            except OSError:  # a kernel that does not know it
+                continue
+            return
+        mount("overlay", self.folder, "overlay", 0, options + plain)
 
     def written(self) -> Iterator[str]:
         """Yield new, changed and removed paths, relative to the folder; byte code is left out."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
@@ -41,7 +41,7 @@ def describe(path: Path, names: Iterable[str]) -> Description:
         packages = list(installed_packages(path))
         here, needs = {canonicalize_name(one.name) for one in packages}, list(_needs(packages))
         return Description(
-            modules={canonicalize_name(one.name): top_level(one.files or ()) for one in packages},
+            modules={canonicalize_name(one.name): top_level(one.paths()) for one in packages},
             asking={name: _asking(needs, name) for name in names},
             unmet=tuple(
                 (asker, str(need))
@@ -112,7 +112,7 @@ def _requirement(line: str) -> Requirement | None:
         return None
 
 
-def top_level(files: Iterable[PurePath]) -> tuple[str, ...]:
+def top_level(paths: Iterable[str]) -> tuple[str, ...]:
     """Return the top-level modules among the files of a package, sorted."""
-    tops = {file.parts[0].partition(".")[0] for file in files if file.suffix in {".py", ".so"}}
+    tops = {path.partition("/")[0].partition(".")[0] for path in paths if path.endswith((".py", ".so"))}
     return tuple(sorted(name for name in tops if name.isidentifier() and not name.startswith("_")))

@@ -28,7 +28,6 @@ from harness.model.vocabulary import parsed_requirement
 from harness.packages import index
 from harness.packages.index_settings import NOTHING, combine
 from harness.reports.answers import result_index
-from harness.standalone.keys import MODULES
 
 Say = Callable[[str], None]
 AT_A_TIME = 8
@@ -93,6 +92,8 @@ def _describe_faults(name: str, requirements: Iterable[Requirement], listed: Lis
 
 def nearest(name: str) -> str | None:
     """Return the most similarly spelt name of a measured or well-known package, or None."""
+    from harness.standalone.keys import MODULES  # noqa: PLC0415 - start-up
+
     measured = result_index.load()
     axes = {name for cell in measured.cells for name in cell.axes if name != "python"}
     locked = {name for lock in measured.locks.values() for name, _ in lock}

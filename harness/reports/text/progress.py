@@ -11,10 +11,11 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from harness.judging.exercised import unregistered_id
+from harness.machine.capacity import default_jobs
 from harness.machine.console import limit_width
 from harness.model import Cell, CellRecord, Verdict
 from harness.model.report_types import format_count, format_duration
-from harness.running.scheduler import WAITING, default_jobs
+from harness.running.scheduler import WAITING
 from harness.standalone.control_characters import strip_controls
 from harness.standalone.output import style_stream
 

@@ -4,17 +4,14 @@ from harness.running.scheduler.control import ControlledRunner
 from harness.running.scheduler.flow import order, run, start_looks, threads
 from harness.running.scheduler.runner import Prepared, Runner
 from harness.running.scheduler.settings import (
-    AUTO,
     WAITING,
     Observer,
     QuietObserver,
     Settings,
     StepObserver,
-    default_jobs,
 )
 
 __all__ = [
-    "AUTO",
     "WAITING",
     "ControlledRunner",
     "Observer",
@@ -24,7 +21,6 @@ __all__ = [
     "Settings",
     "StepObserver",
     "cost_history",
-    "default_jobs",
     "order",
     "other_drawing",
     "run",

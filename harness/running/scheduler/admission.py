@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from harness.machine.free_memory import Reading
+from harness.machine.capacity import Reading
 
 
 class Room:

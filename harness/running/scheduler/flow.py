@@ -26,7 +26,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from harness.machine import process, this_machine
+from harness.machine import capacity, process, this_machine
 from harness.machine.files.file_locks import Claim, claim
 from harness.machine.store import Store, digest
 from harness.model import Cell, CellRecord, ControlRecord, Phase, replace
@@ -39,7 +39,7 @@ from harness.running.scheduler.control import ControlledRunner
 from harness.running.scheduler.cost_history import Past
 from harness.running.scheduler.records import stopped_record
 from harness.running.scheduler.runner import Prepared, Runner
-from harness.running.scheduler.settings import AUTO, WAITING, Observer, Settings, default_jobs
+from harness.running.scheduler.settings import WAITING, Observer, Settings
 
 PREPARING = 3
 """Groups of cells that are resolved and installed at a time, as many as probes run, and two at least."""
@@ -121,8 +121,8 @@ class Flow:
         self.meanwhile: Callable[[], None] | None = meanwhile
         self.records: dict[str, CellRecord] = {}
         settings = runner.settings
-        memory = settings.reading if settings.jobs == AUTO else None
-        self.room = Room(settings.jobs or default_jobs(), memory)
+        memory = settings.reading if settings.jobs == capacity.AUTO else None
+        self.room = Room(settings.jobs or capacity.default_jobs(), memory)
         alone = settings.until in {Phase.RESOLVE, Phase.INSTALL}
         beside = min(PREPARING, max(2, self.room.slots))  # unpacking wheels takes cores, too
         self.at_once = max(PREPARING, self.room.slots) if alone else beside

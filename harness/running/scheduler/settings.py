@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 from msgspec import Struct
 
-from harness.machine import free_memory
+from harness.machine import capacity
 from harness.machine.store import InstallResult, Store
 from harness.model import Cell, CellRecord, Interpreter, Lock, Phase, Step
 from harness.packages import uv_command
@@ -20,9 +19,6 @@ if TYPE_CHECKING:
     from harness.packages.package_under_test import SubjectWheel
     from harness.running.offline.offline_bundle import Fetched
 
-AUTO = 0
-"""As many cells at a time as there are cores, and no more than the free memory has room for."""
-
 WAITING = "wait"
 """The step of a cell whose environment stands and that has no slot yet."""
 
@@ -30,7 +26,7 @@ WAITING = "wait"
 class Settings(Struct, frozen=True, kw_only=True):
     """The settings of a run; `until` is the last phase wanted.
 
-    `jobs` is how many cells are probed at a time, or `AUTO`, which asks `reading` what memory is left. `fresh`
+    `jobs` is how many cells are probed at a time, or `capacity.AUTO`, which asks `reading` what memory is left. `fresh`
     measures everything again, `again` what failed.
     """
 
@@ -41,7 +37,7 @@ class Settings(Struct, frozen=True, kw_only=True):
     offline: bool = False
     verify: bool = False
     fetched: Fetched | None = None
-    reading: Callable[[], free_memory.Reading] = free_memory.reading
+    reading: Callable[[], capacity.Reading] = capacity.reading
 
 
 class Observer(Protocol):
@@ -111,12 +107,3 @@ class Workshop:
     places: Mapping[str, str] = field(default_factory=uv_command.places)
     pythons: dict[str, Interpreter] = field(default_factory=dict)
     unchanged: set[str] = field(default_factory=set)
-
-
-def default_jobs() -> int:
-    """Return the number of cores that this process may use, one cell per core.
-
-    SLURM_CPUS_PER_TASK is an upper bound: not every Slurm holds a task to the cores that it was given.
-    """
-    cores, given = len(os.sched_getaffinity(0)), os.environ.get("SLURM_CPUS_PER_TASK", "")
-    return max(1, min(cores, int(given))) if given.isdigit() else cores

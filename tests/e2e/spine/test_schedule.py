@@ -13,9 +13,9 @@ import pytest
 from commandline import SMALL, Desk
 from test_fetch import Index
 
-from harness.machine import interpreters, store
+from harness.machine import capacity, interpreters, store
+from harness.machine.capacity import Reading
 from harness.machine.files.file_locks import exclusive
-from harness.machine.free_memory import Reading
 from harness.model import Phase, replace
 from harness.reports.text import progress
 from harness.running import open_matrix, scheduler
@@ -140,14 +140,14 @@ def test_installs_go_on_beside_probes(desk: Desk, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize(("free", "both"), [(3000, False), (5000, True)], ids=["little", "enough"])
 def test_memory_decides_how_many_run(desk: Desk, monkeypatch: pytest.MonkeyPatch, free: int, both: bool) -> None:
     """Two probes of up to 2 GB run one after the other with 3 GB free, and side by side with 5 GB."""
-    if scheduler.default_jobs() < 2:
+    if capacity.default_jobs() < 2:
         pytest.skip("unavailable: a second core")
     monkeypatch.setenv("HARNESS_CACHE", str(desk.cache))
     monkeypatch.setenv("HARNESS_STATE", str(desk.state))
     opened = store.open_store()
     plan = open_matrix.set_instant(open_matrix.load(str(desk.matrix("m", GATES + TWO_GATES)), print), opened)
     settings = scheduler.Settings(
-        jobs=scheduler.AUTO, until=Phase.SINGLE, reading=lambda: Reading(free_mb=free, held_mb=(0, 0))
+        jobs=capacity.AUTO, until=Phase.SINGLE, reading=lambda: Reading(free_mb=free, held_mb=(0, 0))
     )
     one, two = (desk.folder / name for name in ("one", "two"))
     with ThreadPoolExecutor(1) as pool:

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.machine import free_memory
-from harness.machine.free_memory import Reading
-from harness.running import scheduler
+from harness.machine import capacity
+from harness.machine.capacity import Reading, default_jobs
 from harness.running.scheduler.admission import Room
 
 MEMINFO = "MemTotal:       16000000 kB\nMemFree:         1000000 kB\nMemAvailable:    8388608 kB\n"
@@ -63,7 +62,7 @@ def tree(root: Path, files: dict[str, str]) -> Path:
 )
 def test_free_memory(tmp_path: Path, files: dict[str, str], free: int | None) -> None:
     """The least that the machine and each control group leave, file cache not counted as taken."""
-    assert free_memory.free_mb(tree(tmp_path, files)) == free
+    assert capacity.free_mb(tree(tmp_path, files)) == free
 
 
 @pytest.mark.parametrize(
@@ -98,4 +97,4 @@ def test_a_task_of_slurm_has_part_of_the_cores(monkeypatch: pytest.MonkeyPatch, 
     """SLURM_CPUS_PER_TASK limits the jobs even if the cluster does not, and never exceeds the cores there are."""
     monkeypatch.setenv("SLURM_CPUS_PER_TASK", given)
 
-    assert scheduler.default_jobs() == (jobs or len(os.sched_getaffinity(0)))
+    assert default_jobs() == (jobs or len(os.sched_getaffinity(0)))

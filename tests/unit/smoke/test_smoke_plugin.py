@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from harness.machine import free_memory
-from harness.running import scheduler
+from harness.machine import capacity
 from harness.smoke import plugin
 
 
@@ -30,8 +29,8 @@ def test_auto_is_bounded_by_cores_and_free_memory(
     free_mb: int | None, cores: int, workers: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """`-n auto` leaves room for one probe per worker, and starts one at least."""
-    monkeypatch.setattr(free_memory, "free_mb", lambda: free_mb)
-    monkeypatch.setattr(scheduler, "default_jobs", lambda: cores)
+    monkeypatch.setattr(capacity, "free_mb", lambda: free_mb)
+    monkeypatch.setattr(capacity, "default_jobs", lambda: cores)
 
     assert plugin.pytest_xdist_auto_num_workers(Options(("m",))) == workers  # type: ignore[arg-type]
 

@@ -1,13 +1,26 @@
-"""Measure the memory left to this process, by the machine and by its control group, and the memory our probes hold."""
+"""Measure the cores and the memory that this process may use: what the machine and its control group leave to it."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
 from msgspec import Struct
 
 from harness.machine import process
+
+AUTO = 0
+"""As many cells at a time as there are cores, and no more than the free memory has room for."""
+
+
+def default_jobs() -> int:
+    """Return the number of cores that this process may use: one cell is measured per core.
+
+    SLURM_CPUS_PER_TASK is an upper bound: not every Slurm holds a task to the cores that it was given.
+    """
+    cores, given = len(os.sched_getaffinity(0)), os.environ.get("SLURM_CPUS_PER_TASK", "")
+    return max(1, min(cores, int(given))) if given.isdigit() else cores
 
 
 class Reading(Struct, frozen=True, kw_only=True):
