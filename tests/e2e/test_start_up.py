@@ -14,6 +14,15 @@ LATER = ("numpy", "PIL", "rich", "jinja2", "harness.reports.publishing", "harnes
 AFTER_STORE = ("harness.running.scheduler", "harness.machine.this_machine", "harness.probes", "harness.judging")
 """Rooms and modules that `run` needs once its store has answered."""
 
+MATRIX = """
+requirements = ["gymnasium==1.2.3"]
+[axes]
+python = ["3.11"]
+[[cases]]
+env = "CartPole-v1"
+api = "gymnasium"
+"""
+
 
 @pytest.mark.parametrize("verb", ["run", "plan"])
 def test_a_command_starts_without_what_it_needs_later(verb: str) -> None:
@@ -26,7 +35,7 @@ def test_a_command_starts_without_what_it_needs_later(verb: str) -> None:
 def test_a_run_asks_its_store_before_it_imports_what_measures(tmp_path: Path) -> None:
     """Input is read and refused without the modules that run cells."""
     matrix = tmp_path / "few.toml"
-    matrix.write_text('requirements = ["gymnasium==1.2.3"]\n[axes]\npython = ["3.11"]\n')
+    matrix.write_text(MATRIX)
     code = """
 import os, sys
 from harness import __main__
@@ -40,4 +49,6 @@ __main__.main(sys.argv[1:])
     done = subprocess.run(
         (sys.executable, "-c", code, "run", str(matrix), "--offline"), capture_output=True, text=True, check=True
     )
-    assert {*done.stdout.split()} & {*LATER, *AFTER_STORE} == set()
+    imported = {*done.stdout.split()}
+    assert "harness.machine.store" in imported, done.stderr
+    assert imported & {*LATER, *AFTER_STORE} == set()
