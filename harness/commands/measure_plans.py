@@ -38,7 +38,7 @@ def measure(
     )
     earlier = partial(_earlier_seconds, args.matrices, plans, cells, opened)
     with progress.Progress(len(cells), settings.jobs, progress.headline, earlier) as board:
-        records = scheduler.run(cells, opened, settings, board, _load_report)
+        records = scheduler.run(cells, opened, settings, board, partial(_load_report, plans))
     if args.prove:
         plans, more = _run_remedies(plans, records, opened, settings)
         records = (*records, *more)
@@ -50,11 +50,11 @@ def measure(
     return publishing.finish(plans, records, opened, publishing.Wanted.of(args))
 
 
-def _load_report() -> None:
-    """Import what makes the report, which takes a while."""
+def _load_report(plans: Sequence[Plan]) -> None:
+    """Get ready for the report, which takes a while."""
     from harness.reports import publishing  # noqa: PLC0415 - start-up
 
-    publishing.load()
+    publishing.load(plans)
 
 
 def _run_remedies(

@@ -23,7 +23,7 @@ from harness.judging.runs.check import phase_of
 from harness.machine import store, this_machine
 from harness.machine.files.file_locks import exclusive
 from harness.machine.store import Store
-from harness.model import CellRecord, Plan, replace
+from harness.model import CellRecord, Phase, Plan, replace
 from harness.model.errors import CouldNotTell, HarnessError, in_the_way
 from harness.model.report_types import Document, format_count
 from harness.model.vocabulary import IMPORT_CHECK
@@ -31,6 +31,7 @@ from harness.probes import launch
 from harness.probes.evidence import REPLY
 from harness.probes.vault import Vault
 from harness.reports import document, freshness, size_plot
+from harness.reports.pictures import first_pictures
 from harness.reports.tables import tables
 from harness.reports.tables.table_types import Report
 from harness.reports.template_files import read_template
@@ -38,6 +39,7 @@ from harness.reports.text import author_pages, report_markdown, terminal
 from harness.running.signatures import shipped_signatures
 from harness.standalone.failures.remedies import in_words
 from harness.standalone.output import print_json
+from harness.standalone.requirements import requirement
 
 HEAD_BYTES, TAIL_BYTES, WORTH_LEAVING_OUT = 2_000, 6_000, 1_000
 """Bytes of the beginning and of the end of a log that a report shows, and the fewest between them that are left out."""
@@ -89,14 +91,10 @@ def publish(
                 report = None if wanted.out else _rewritten(counted, folder, note, made_of)
             if report is None:
                 facts, causes = {here.id: here.facts}, shipped_signatures.load_knowledge(opened.folder)
-                from harness.reports import behaviour  # noqa: PLC0415 - start-up
-                from harness.reports.pictures import boundaries  # noqa: PLC0415 - start-up
-
                 making = partial(document.build, records, [plan], facts, store.now(), probes=used, knowledge=causes)
                 try:
                     report = making(locate=place(records, opened, folder))
-                    report = behaviour.add(report, records, [plan], Vault(opened.folder))
-                    report = boundaries.add(report, records, [plan], Vault(opened.folder))
+                    report = _compared(report, records, plan, Vault(opened.folder))
                     shown = write(report, folder, wanted.pivot, plan.page)
                     # A report in the state folder needs no pack, because its evidence lies in the same folder.
                     if wanted.out:
@@ -124,13 +122,32 @@ def _rewritten(report: Document, folder: Path, note: Path, made_of: str) -> Docu
     return report
 
 
-def load() -> None:
-    """Import what `publish` and `finish` need for a report that is made anew."""
-    import jinja2  # noqa: F401, PLC0415 - start-up
+def _compared(report: Document, records: Sequence[CellRecord], plan: Plan, vault: Vault) -> Document:
+    """Return the document with what its cells show beside each other: behaviour and pictures. Most have neither."""
+    if _behaves(plan):
+        from harness.reports import behaviour  # noqa: PLC0415 - start-up
+
+        report = behaviour.add(report, records, [plan], vault)
+    if first_pictures.may_differ(records, vault):
+        from harness.reports.pictures import boundaries  # noqa: PLC0415 - start-up
+
+        report = boundaries.add(report, records, [plan], vault)
+    return report
+
+
+def _behaves(plan: Plan) -> bool:
+    """Return whether a case of the plan asks for checks of behaviour."""
+    return any(phase_of(check) is Phase.BEHAVE for cell in plan.cells for case in cell.cases for check in case.checks)
+
+
+def load(plans: Iterable[Plan]) -> None:
+    """Get ready for `publish` and `finish` of a report that is made again: imports, the template, the parser."""
     import rich.console  # noqa: F401, PLC0415 - start-up
 
-    from harness.reports import behaviour  # noqa: F401, PLC0415 - start-up
-    from harness.reports.pictures import boundaries  # noqa: F401, PLC0415 - start-up
+    requirement("gymnasium")
+    page(Report(generated="", sheets=(), machines=(), stale=()))
+    if any(map(_behaves, plans)):
+        from harness.reports import behaviour  # noqa: F401, PLC0415 - start-up
 
 
 def pack(report: Document, plan: Plan, records: Iterable[CellRecord], opened: Store, folder: Path) -> None:

@@ -154,13 +154,13 @@ class Measuring:
         threads.submit(self._load_report)
 
     def _load_report(self) -> None:
-        """Import what makes a report anew, if anything was measured anew."""
+        """Get ready for a report that has to be made, if anything was measured again."""
         with suppress(Exception):
             ended = [future for future in self._parts.values() if future.done()]
             if self.selection.whole and not all(future.result().reused for future in ended):
                 from harness.reports import publishing  # noqa: PLC0415 - start-up
 
-                publishing.load()
+                publishing.load(self._frozen.plans)
 
     def _measure_ahead(self, cell: Cell) -> None:
         """Measure the steps and cases of a cell that items will ask for. What fails is tried again for its item."""

@@ -18,7 +18,7 @@ from harness.model.report_types import Document, PicturesEntry
 from harness.probes import array_files, thumbnails
 from harness.probes.evidence import GIVEN, PIXELS, REPLY, ProbeRun, Request
 from harness.probes.vault import Vault, keep_files
-from harness.reports.pictures import boundaries, picture_markdown
+from harness.reports.pictures import boundaries, first_pictures, picture_markdown
 
 EMPTY = Document(generated=GENERATED, machines={}, cells=(), dropped=())
 EYE = {"position": [0.0, -3.0, 1.0], "forward": [0.0, 1.0, 0.0], "up": [0.0, 0.0, 1.0], "fovy": 45.0}
@@ -75,7 +75,10 @@ def measured(release: str, drawn_case: CaseRecord, python: str = "3.11", numpy: 
 def pictures(vault: Vault, *records: CellRecord) -> tuple[PicturesEntry, ...]:
     """Return the pictures of a report of these cells."""
     plan = Plan(matrix="quick", cells=tuple(one.cell for one in records), axes=("python", "gymnasium"))
-    return boundaries.add(EMPTY, records, [plan], vault).pictures or ()
+    entries = boundaries.add(EMPTY, records, [plan], vault).pictures or ()
+    # A report asks for pictures only where they may differ: no entry may be lost by that.
+    assert first_pictures.may_differ(records, vault) or not entries
+    return entries
 
 
 @pytest.fixture
@@ -165,3 +168,12 @@ def test_evidence_that_cannot_be_read_is_no_picture(vault: Vault) -> None:
     assert (
         pictures(vault, *[measured(one, stored(vault, {PIXELS: content, GIVEN: b""})) for one in ("1.0", "2.0")]) == ()
     )
+
+
+def test_equal_first_pictures_need_no_comparison(vault: Vault) -> None:
+    """One digest for each case in all cells: nothing may differ, whatever the starts."""
+    same = [measured("1.3.0", drawn(vault)), measured("1.4.0", drawn(vault, start=2.0))]
+    assert not first_pictures.may_differ(same, vault)
+    assert first_pictures.may_differ([*same, measured("1.5.0", drawn(vault, NEARLY))], vault)
+    assert first_pictures.may_differ([measured("1.3.0", stored(vault, {REPLY: b'{"pictures": no JSON'}))], vault)
+    assert not first_pictures.may_differ([measured("1.3.0", stored(vault, {REPLY: b""}))], vault)
