@@ -72,10 +72,6 @@ LONGEST_PATH = 80
 GARBAGE = 50_000
 """Objects made before Python looks for circles among them: records are many and hold none."""
 
-SWITCH_SECONDS = 0.0005
-"""Seconds that a thread keeps Python to itself while others wait, a tenth of Python's own: ours mostly wait for files
-and processes, and each of their short calls would wait for a thread that judges."""
-
 
 def console() -> None:
     """Run the command line of an installed command, and exit."""
@@ -100,7 +96,6 @@ def _leave(code: int) -> None:
 def main(arguments: Sequence[str]) -> int:
     """Run one verb and return the exit code of the contract."""
     gc.set_threshold(GARBAGE)
-    sys.setswitchinterval(SWITCH_SECONDS)
     try:
         verb, rest = _verb(arguments)
         module = _imported(VERBS[verb][0])

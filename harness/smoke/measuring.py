@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Set
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from itertools import chain
 from threading import Lock, get_ident
@@ -14,7 +14,15 @@ from harness.machine import interpreters, process
 from harness.machine.store import Store, question_key
 from harness.model import CASE_PHASES, Case, Cell, CellRecord, ControlRecord, Phase, replace
 from harness.probes import launch
-from harness.running.scheduler import ControlledRunner, QuietObserver, Runner, order, other_drawing, start_looks
+from harness.running.scheduler import (
+    ControlledRunner,
+    QuietObserver,
+    Runner,
+    order,
+    other_drawing,
+    short_turns,
+    start_looks,
+)
 from harness.smoke import judging
 from harness.smoke.frozen import SessionPlan
 
@@ -74,6 +82,7 @@ class Measuring:
         self._items_thread = get_ident()
         self._threads = ThreadPoolExecutor(jobs, thread_name_prefix="cells") if jobs > 1 else None
         self._ahead: list[Future[None]] = []
+        self._turns = ExitStack()
         self._controls: dict[str, ControlRecord] = {}
 
     def steps(self, cell: Cell) -> CellRecord:
@@ -146,6 +155,7 @@ class Measuring:
 
         What makes the report comes last: it is imported when a thread has nothing more to measure.
         """
+        self._turns.enter_context(short_turns())
         start_looks(self.store)
         cells = [cell for cell in self._frozen.cells if self.selection.has_items(cell)]
         places = order(cells, lambda _: 0.0)
@@ -178,6 +188,7 @@ class Measuring:
         if not all(future.done() for future in self._ahead):
             process.stop()
         self._threads.shutdown()
+        self._turns.close()
 
     def _shown_seconds(self, cell: Cell, name: str, record: CellRecord) -> float:
         """Return the seconds of those phases in a record that have an item of their own."""

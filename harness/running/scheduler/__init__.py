@@ -1,7 +1,7 @@
 """Schedule many cells: resolve each question once, make each environment once, reuse results, run several at a time."""
 
 from harness.running.scheduler.control import ControlledRunner
-from harness.running.scheduler.flow import order, run, start_looks, threads
+from harness.running.scheduler.flow import order, run, short_turns, start_looks, threads
 from harness.running.scheduler.runner import Prepared, Runner
 from harness.running.scheduler.settings import (
     WAITING,
@@ -25,6 +25,7 @@ __all__ = [
     "other_drawing",
     "run",
     "shared_environment",
+    "short_turns",
     "start_looks",
     "steps",
     "threads",
