@@ -106,9 +106,10 @@ def measure_size(folder: Path, size: int, runs: int) -> dict[str, float]:
     env = {**os.environ, "HARNESS_CACHE": str(folder / "cache"), "HARNESS_STATE": str(state)}
     called([sys.executable, __file__, "--prepare", str(matrix)], env, folder)
     staged = []
-    for _ in range(runs):
+    for number in range(runs):
         for name in ("cells", "claims", "reports"):
-            shutil.rmtree(state / name, ignore_errors=True)
+            if (state / name).exists():  # nothing is deleted before the end, see `peers.rounds`
+                (state / name).rename(folder / f"{name}-{number}")
         staged.append(json.loads(called([sys.executable, __file__, "--stages", str(matrix)], env, folder)[3]))
     run = [sys.executable, "-m", "harness", "run", str(matrix)]
     called(run, env, folder)

@@ -300,7 +300,10 @@ def prepared(folder: Path) -> Bench:
 def rounds(bench: Bench, measured: Sequence[Side], style: str, number: int) -> None:
     """Run one round: every side once in each state, another one first each time."""
     turn = [*measured[number % len(measured) :], *measured[: number % len(measured)]]
-    works = {side.name: bench.folder / "work" / re.sub(r"\W", "", side.name) for side in turn}
+    # Each round has folders of its own, and none is deleted before the end: in the minutes after many files were
+    # deleted, ext4 looks at each freed inode before it takes one for a new file, which takes seconds of a cold run.
+    place = bench.folder / "work" / f"{list(STYLES).index(style)}-{number}"
+    works = {side.name: place / re.sub(r"\W", "", side.name) for side in turn}
     for work in works.values():
         shutil.copytree(HERE / "peers", work)
         shutil.copytree(launch.INCELL, work / "incell", ignore=shutil.ignore_patterns("__pycache__"))
@@ -310,7 +313,6 @@ def rounds(bench: Bench, measured: Sequence[Side], style: str, number: int) -> N
         for side in turn:
             side.measure(bench, works[side.name], style, state)
             print(f"{number + 1} {style} {state}: {side.name} {side.describe(style, state)}", file=sys.stderr)
-    shutil.rmtree(bench.folder / "work")
 
 
 def compare(measured: Sequence[Side], style: str) -> None:
@@ -354,8 +356,9 @@ def render(measured: Sequence[Side], styles: Sequence[str], runs: int, tools: Ma
         "",
         f"Python {', '.join(PYTHONS)} with gymnasium {' and '.join(GYMNASIUM)}: CartPole in a loop, in a sync and an "
         "async vector, rendered. Packages come from one folder of wheels, so that no side waits for a network; cold is "
-        "with all caches empty, uv's too; the tools themselves are installed before. Every side has the same packages "
-        "and no others in its environments: compared by name and version. nox and tox run two cells at a time, hatch "
+        "with all caches empty, uv's too, and in a new folder: nothing is deleted between the rounds. The tools "
+        "themselves are installed before. Every side has the same packages and no others in its environments: compared "
+        "by name and version. nox and tox run two cells at a time, hatch "
         "has no such mode. Where nothing changed the other tools run their checks again, which is all they can do. In "
         "brackets: seconds that all processes together had a core. As plain scripts, every side runs the in-cell files "
         "of our probes in two processes for each cell, the checks and one episode again; ours under its supervisor. "

@@ -168,14 +168,13 @@ def main() -> None:
     traces: dict[str, list[dict[str, Any]]] = {state: [] for state in STATES}
     with tempfile.TemporaryDirectory() as folder:
         bench = peers.prepared(Path(folder))
-        for _ in range(chosen.runs):
-            work = bench.folder / "work"
+        for number in range(chosen.runs):
+            work = bench.folder / "work" / str(number)  # none is deleted before the end, see `peers.rounds`
             shutil.copytree(peers.HERE / "peers", work)
             (work / "wheels").symlink_to(bench.wheels)
             for state, ones in traces.items():
                 ones.append(measure(bench, work, state))
                 print(f"{state}: {ones[-1]['outside']:.2f} s", file=sys.stderr)
-            shutil.rmtree(work)
     text = render(traces, chosen.runs)
     if not chosen.print:
         PAGE.write_text(text)

@@ -235,16 +235,21 @@ def _facts(path: Path) -> Facts | None:
         status = path.stat()
     except OSError:
         return None
-    with _ASKING:
-        entries = _load_cache()
+    with _asked.setdefault(path, threading.Lock()):  # other Pythons may be asked meanwhile
+        with _ASKING:
+            entries = _load_cache()
         entry = entries.get(str(path))
         if entry is not None and (entry.size, entry.changed) == (status.st_size, status.st_mtime_ns):
             return entry.facts
         facts = _ask(path)
         if facts is not None:
-            entries[str(path)] = _CacheEntry(size=status.st_size, changed=status.st_mtime_ns, facts=facts)
-            write_atomic(_known_file(), msgspec.json.encode(entries))
+            with _ASKING:
+                entries[str(path)] = _CacheEntry(size=status.st_size, changed=status.st_mtime_ns, facts=facts)
+                write_atomic(_known_file(), msgspec.json.encode(entries))
         return facts
+
+
+_asked: dict[Path, threading.Lock] = {}
 
 
 def _ask(path: Path) -> Facts | None:

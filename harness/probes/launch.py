@@ -19,7 +19,7 @@ from msgspec import Struct
 from harness.machine import display, process
 from harness.machine.files.guarded_files import Folder
 from harness.machine.files.scratch_folders import scratch_folder
-from harness.machine.store import digest, own_folders
+from harness.machine.store import digest
 from harness.model import Case, Phase, ProbeReply, ProbeRequest, decoding, replace
 from harness.model.hostile_data import Absent, Unreadable, raise_unreadable
 from harness.packages.environments import bytecode
@@ -112,7 +112,7 @@ class Workplace(Struct, frozen=True, kw_only=True):
             home=home,
             sealed=self.sealed,
             byte_code=(self.code.prefix,) if self.code.covered else (),
-            shielded=own_folders(),
+            shielded=bytecode.shielded(self.site.python),
             writable=(self.scratch, *self.code.writable),
         )
 

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import os
+import py_compile
+import shutil
 import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
+from supervised import missing
 
+from harness.machine import process
+from harness.model import replace
 from harness.packages.environments import bytecode, bytecode_tree, first_sources
 from harness.packages.environments.bytecode import RunFolders, Source
 from harness.packages.environments.bytecode_tree import TABLE, read_tree
@@ -69,6 +75,64 @@ def test_byte_code_of_a_run_is_there_for_the_next(source: Source) -> None:
         imported(lent, folder)
         assert pyc(lent, folder).stat().st_mtime_ns == before  # it was good as it was
     assert not list(source.cache.glob("simmatrix-*"))
+
+
+@pytest.fixture
+def interpreter(tmp_path: Path) -> Path:
+    """Return a copy of this Python, to whose library something can be added."""
+    real = Path(sys.executable).resolve()
+    library = Path(os.__file__).parent
+    copy, there = tmp_path / "python/bin" / real.name, tmp_path / "python/lib" / library.name
+    there.mkdir(parents=True)
+    copy.parent.mkdir()
+    shutil.copy(real, copy)
+    for path in library.iterdir():
+        if path.name not in {"os.py", "__pycache__"}:
+            (there / path.name).symlink_to(path)
+    shutil.copy(library / "os.py", there)  # its place is that of the library
+    command = (copy, "-I", "-S", "-c", "import json, os; print(os.__file__)")
+    told = subprocess.run(command, capture_output=True, text=True, check=False).stdout
+    if told.strip() != str(there / "os.py"):
+        pytest.skip("unavailable: a Python that runs in another folder")
+    return copy
+
+
+def kept_module(library: Path, name: str, made_of: str) -> Path:
+    """Write a module into a library, and byte code beside it that was made of another text; return the byte code."""
+    module = library / f"{name}.py"
+    module.write_text(made_of)
+    os.utime(module, (1_700_000_000, 1_700_000_000))
+    kept = Path(py_compile.compile(str(module)) or "")
+    module.write_text("SAID = 'source'\n" + "#" * (len(made_of) - len("SAID = 'source'\n")))
+    os.utime(module, (1_700_000_000, 1_700_000_000))
+    return kept
+
+
+@pytest.mark.parametrize("sandbox", ["pid+overlay", "subreaper"])
+def test_the_library_has_the_byte_code_of_its_interpreter(
+    source: Source, interpreter: Path, monkeypatch: pytest.MonkeyPatch, sandbox: str
+) -> None:
+    """What the interpreter keeps of its library is linked, if it is of that source and no run can have written it."""
+    if missing(sandbox):
+        pytest.skip(f"unavailable: {sandbox}")
+    monkeypatch.setenv(process.FORCED, sandbox)
+    library = interpreter.parents[1] / "lib" / Path(os.__file__).parent.name
+    made_of = "SAID = 'byte code'\n" + "#" * 100
+    fresh, stale = (kept_module(library, name, made_of) for name in ("fresh", "stale"))
+    os.utime(library / "stale.py", (1_800_000_000, 1_800_000_000))
+    source = replace(source, python=interpreter)
+    source.cache.mkdir(parents=True)
+    names = [str(library / f"{name}.py") for name in ("fresh", "stale")]
+    (source.cache / "names").write_text(json.dumps(names))
+    bytecode.compile_ahead(source)
+    tree = read_tree(source.cache)
+    assert tree
+    linked, compiled = (tree.folder / tree.files[name].path for name in names)
+    sealed = sandbox != "subreaper"
+    assert (linked.stat().st_ino == fresh.stat().st_ino) is sealed
+    assert (b"byte code" in linked.read_bytes(), b"byte code" in compiled.read_bytes()) == (sealed, False)
+    assert b"byte code" in stale.read_bytes()
+    assert library in bytecode.shielded(interpreter)
 
 
 def test_a_first_run_of_a_listed_package_has_it(source: Source) -> None:

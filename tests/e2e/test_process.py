@@ -19,6 +19,7 @@ from supervised import CHECKOUT, DAEMON, Build, ending, eventually, find_process
 from harness.machine import process
 from harness.machine.process import Profile
 from harness.model.errors import BadInput
+from harness.packages.environments import bytecode
 
 
 class TestEnds:
@@ -469,6 +470,21 @@ for path in ("../stored", "../environment/changed.txt", "../work/own", "own"):
         assert done.log.read_text().splitlines() == ["Read-only file system", over, "written", "written"]
         assert (environment / "changed.txt").read_text() == "old"
         assert [(cache / where / "own").read_text() for where in ("work", "home")] == ["poison"] * 2
+
+    @pytest.mark.parametrize("name", [name for name in process.SANDBOXES if "+" in name])
+    def test_the_library_of_the_interpreter_takes_no_write(
+        self, python: Build, monkeypatch: pytest.MonkeyPatch, name: str
+    ) -> None:
+        """Its byte code is lent to all runs, so no run may leave some there."""
+        if missing(name):
+            pytest.skip(f"unavailable: {name}")
+        monkeypatch.setenv(process.FORCED, name)
+        code = "import os, tempfile; tempfile.TemporaryFile(dir=os.path.dirname(os.__file__))"
+
+        done = process.run(python(code, shielded=bytecode.shielded(Path(sys.executable))))
+
+        assert done.exit_code == 1
+        assert "Read-only file system" in done.log.read_text()
 
     @pytest.mark.parametrize("name", ["pid+readonly", "subreaper+readonly"])
     def test_read_only(self, python: Build, sealed: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:

@@ -2,8 +2,9 @@
 
 A run may leave anything as byte code, be it by intent or because a disk was full. So what it writes goes with it, and
 only the names of the sources that it needed are taken from there. Before the next run they are compiled from the sealed
-environment, in a process that runs nothing of them, and kept (`bytecode_tree`). A run sees them below a layer that
-takes its writes, or, where this machine has none, as a copy. An environment that has no code begins with that of others
+environment, in a process that runs nothing of them, and kept (`bytecode_tree`). That of the standard library is taken
+from the interpreter, to whose library no run can write. A run sees all of it below a layer that takes its writes, or,
+where this machine has none, as a copy. An environment that has no code begins with that of others
 for the same Python, for those files which are the very same ones on the disk; and what others needed is compiled before
 its first run.
 
@@ -50,7 +51,7 @@ LIMITS = process.Limits(seconds=300.0, memory_mb=2000)
 COMPILE = """
 import importlib.util, json, marshal, os, sys
 
-listed, made, own, folders = sys.argv[1], sys.argv[2], sys.argv[3], sys.argv[4:]
+listed, made, own, kept, folders = *sys.argv[1:5], sys.argv[5:]
 head = importlib.util.MAGIC_NUMBER + bytes(4)
 def number(value):
     return (int(value) & 0xFFFFFFFF).to_bytes(4, "little")
@@ -58,25 +59,40 @@ standard = os.path.dirname(os.path.realpath(os.__file__)) + os.sep
 with open(listed, encoding="utf-8") as file:
     names = json.load(file)
 table, content = [], []
+def is_kept(path, start):
+    try:
+        with open(path, "rb") as file:
+            return file.read(len(start)) == start
+    except OSError:
+        return False
 for name in names:
     places = [os.path.join(folder, name) for folder in folders]
     source = next((place for place in places if os.path.isfile(place)), "")
-    if os.path.isabs(name) and not os.path.realpath(name).startswith((standard, own)):
+    real = os.path.realpath(name)
+    if os.path.isabs(name) and not real.startswith((standard, own)):
         source = ""
-    code = b""
+    code, size, path = b"", 0, importlib.util.cache_from_source(source or "x.py")
     try:
         with open(source, "rb") as file:
-            there, text = os.fstat(file.fileno()), file.read()
-        compiled = compile(text, source, "exec", dont_inherit=True)
-        code = head + number(there.st_mtime) + number(there.st_size) + marshal.dumps(compiled)
+            there = os.fstat(file.fileno())
+            start = head + number(there.st_mtime) + number(there.st_size)
+            if kept and os.path.isabs(name) and real.startswith(standard) and is_kept(path, start):
+                size = -1
+            else:
+                code = start + marshal.dumps(compile(file.read(), source, "exec", dont_inherit=True))
+                size = len(code)
     except BaseException:
-        pass
-    table.append([name, os.path.basename(importlib.util.cache_from_source(source or "x.py")), len(code)])
+        code, size = b"", 0
+    table.append([name, os.path.basename(path), size])
     content.append(code)
 with open(made, "wb") as file:
     file.write(json.dumps(table).encode("ascii") + b"\\n" + b"".join(content))
 """
-"""Compiles files: nothing of them is run. Its own Python takes no module from the environment (`-I -S`)."""
+"""Compiles files: nothing of them is run. Its own Python takes no module from the environment (`-I -S`).
+
+It writes a table of (name, file of byte code, size) and then the byte code. A size of -1 says that the interpreter
+keeps byte code of this source of its library beside it.
+"""
 
 
 class Source(Struct, frozen=True, kw_only=True):
@@ -85,6 +101,12 @@ class Source(Struct, frozen=True, kw_only=True):
     folders: tuple[Path, ...]
     python: Path
     cache: Path
+
+
+def shielded(python: Path) -> tuple[Path, ...]:
+    """Return the folders that no run may write to: the harness's own, and the library of the interpreter."""
+    library = Path(first_sources.libraries(python.resolve())[0])
+    return (*own_folders(), library) if library.is_dir() else own_folders()
 
 
 class RunFolders(Struct, frozen=True, kw_only=True):
@@ -304,15 +326,18 @@ def _is_shared(name: str, ours: Iterable[str], theirs: Iterable[str]) -> bool:
     return len(marks) == 2 and marks[0] == marks[1]
 
 
-def _compiled(source: Source, names: list[str]) -> dict[str, tuple[str, bytes]]:
+def _compiled(source: Source, names: list[str]) -> dict[str, tuple[str, bytes | Linked]]:
+    """Return the path and byte code of sources; of the standard library that which the interpreter keeps beside it."""
     with scratch_folder(source.cache) as work:
         home, listed, output = work / "home", work / "names", work / "made"
         home.mkdir()
         listed.write_text(json.dumps(names), encoding="utf-8")
         python = (str(source.python), "-I", "-S", "-c", COMPILE)
+        # Where nothing keeps a run from the library of its interpreter, its byte code may be anybody's.
+        kept = "kept" if process.sandbox_mode() != process.UNSEALED else ""
         process.run(
             process.Command(
-                argv=(*python, str(listed), str(output), OWN, *map(str, source.folders)),
+                argv=(*python, str(listed), str(output), OWN, kept, *map(str, source.folders)),
                 cwd=home,
                 env={"PATH": os.defpath},
                 limits=LIMITS,
@@ -320,7 +345,7 @@ def _compiled(source: Source, names: list[str]) -> dict[str, tuple[str, bytes]]:
                 profile=process.Profile.CELL,
                 home=home,
                 sealed=source.folders,
-                shielded=own_folders(),
+                shielded=shielded(source.python),
                 writable=(work,),
             )
         )
@@ -329,14 +354,19 @@ def _compiled(source: Source, names: list[str]) -> dict[str, tuple[str, bytes]]:
     return {name: code.get(name, ("", b"")) for name in names}
 
 
-def _decoded(content: bytes) -> dict[str, tuple[str, bytes]]:
+def _decoded(content: bytes) -> dict[str, tuple[str, bytes | Linked]]:
     with raise_unreadable():
         start = content.index(b"\n") + 1
-        code = {}
+        code: dict[str, tuple[str, bytes | Linked]] = {}
         for name, file, size in json.loads(content[:start]):
-            code[str(name)] = (str(file), content[start : start + size])
-            start += size
+            code[str(name)] = (str(file), content[start : start + size] if size >= 0 else _beside(str(name), str(file)))
+            start += max(0, size)
         return code
+
+
+def _beside(name: str, file: str) -> Linked:
+    """Return the byte code that an interpreter keeps of a source of its library. Raises Unreadable."""
+    return Linked.to(Path(name).parent / "__pycache__" / Path(file).name)
 
 
 # --- what a run has --------------------------------------------------------------------------------------------

@@ -60,6 +60,14 @@ class Linked(NamedTuple):
     place: str
     file: File
 
+    @classmethod
+    def to(cls, place: Path) -> Linked:
+        """Return the byte code in a file. Raises Unreadable."""
+        content = read(place, MOST_FILE)
+        with raise_unreadable():
+            time_ns = place.stat().st_mtime_ns
+        return cls(str(place), _about(place.name, content, time_ns))
+
 
 def read_tree(cache: Path) -> Tree | None:
     """Return the byte code that is kept in a folder: the files which are as they were written."""
@@ -142,7 +150,11 @@ def _written(content: bytes, path: str, target: str) -> File:
     with open(target, "wb", buffering=0) as file:  # noqa: PTH123 - thousands of files
         file.write(content)
         there = os.fstat(file.fileno())
-    return File(path, len(content), there.st_mtime_ns, hashlib.sha256(content).hexdigest(), content[8:16].hex())
+    return _about(path, content, there.st_mtime_ns)
+
+
+def _about(path: str, content: bytes, time_ns: int) -> File:
+    return File(path, len(content), time_ns, hashlib.sha256(content).hexdigest(), content[8:16].hex())
 
 
 def _write_table(cache: Path, tree: Tree) -> None:

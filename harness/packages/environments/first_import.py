@@ -14,12 +14,13 @@ import msgspec
 
 from harness.machine import debian_packages, process, this_machine
 from harness.machine.files.guarded_files import log_text
-from harness.machine.store import digest, open_store, own_folders, write_atomic
+from harness.machine.store import digest, open_store, write_atomic
 from harness.model import Finding, Level, Outcome, Phase, Question, Step
 from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.model.schema import load_toml
 from harness.model.vocabulary import ModuleName, PackageName, SystemPackage
 from harness.packages import uv_command
+from harness.packages.environments import bytecode
 from harness.packages.step_failed import StepFailed
 from harness.standalone.failures.lines import decisive_line, describe_death, normalise, shorten_line
 
@@ -91,7 +92,7 @@ def _import(path: Path, recipe: Recipe, question: Question) -> None:
                 log=work / "import.log",
                 profile=process.Profile.CELL,
                 home=home,
-                shielded=own_folders(),
+                shielded=bytecode.shielded(path / "bin" / "python"),
                 writable=(path,),
             )
         )

@@ -23,12 +23,13 @@ from harness.machine import process, this_machine
 from harness.machine.files import guarded_files
 from harness.machine.files.file_locks import exclusive, mark_used
 from harness.machine.files.scratch_folders import remove_folder
-from harness.machine.store import cache_folder, digest, open_store, own_folders, sha256_of, write_atomic
+from harness.machine.store import cache_folder, digest, open_store, sha256_of, write_atomic
 from harness.model import Artifact, Interpreter, Outcome, Phase, Pin, Question, Step, replace
 from harness.model.errors import BadInput, CouldNotTell
 from harness.model.hostile_data import Unreadable, raise_unreadable
 from harness.model.machine_trouble import SHOT, machine_trouble
 from harness.packages import index, locks, resolver, uv_command
+from harness.packages.environments import bytecode
 from harness.packages.sources import sdists
 from harness.packages.step_failed import StepFailed, install_failed
 from harness.standalone.failures.lines import decisive_line, describe_death, normalise, shorten_line
@@ -347,7 +348,7 @@ def _run(bench: _Bench, place: Place, log: Path, argv: tuple[str, ...], more: Ma
         profile=process.Profile.CELL,
         home=home,
         sealed=(place.path,),
-        shielded=own_folders(),
+        shielded=bytecode.shielded(place.python),
         writable=(bench.work,),
     )
     completed = process.run(command)

@@ -70,7 +70,8 @@ def run(
         process.sandbox_mode()  # a mistake there is said at once
     looks = start_looks(store)
     flow = Flow(Runner(store, settings, observer), meanwhile)
-    left = [cell for cell in cells if not flow.report_stored(cell)]
+    # Where nothing is stored, nothing is looked for: interpreters are then asked side by side, group by group.
+    left = [cell for cell in cells if not flow.report_stored(cell)] if store.has_cells() else list(cells)
     if left:
         _tell_of_old_results(store, observer)
         controls.cells()  # a mistake in what they are is said now, not in the middle
