@@ -235,7 +235,7 @@ def _facts(path: Path) -> Facts | None:
         status = path.stat()
     except OSError:
         return None
-    with _asked.setdefault(path, threading.Lock()):  # other Pythons may be asked meanwhile
+    with _path_locks.setdefault(path, threading.Lock()):  # other Pythons may be asked meanwhile
         with _ASKING:
             entries = _load_cache()
         entry = entries.get(str(path))
@@ -249,7 +249,7 @@ def _facts(path: Path) -> Facts | None:
         return facts
 
 
-_asked: dict[Path, threading.Lock] = {}
+_path_locks: dict[Path, threading.Lock] = {}
 
 
 def _ask(path: Path) -> Facts | None:

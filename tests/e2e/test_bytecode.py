@@ -112,7 +112,7 @@ def kept_module(library: Path, name: str, made_of: str) -> Path:
 def test_the_library_has_the_byte_code_of_its_interpreter(
     source: Source, interpreter: Path, monkeypatch: pytest.MonkeyPatch, sandbox: str
 ) -> None:
-    """What the interpreter keeps of its library is linked, if it is of that source and no run can have written it."""
+    """Byte code beside a library is linked, if it is of that source and no run can have written it."""
     if missing(sandbox):
         pytest.skip(f"unavailable: {sandbox}")
     monkeypatch.setenv(process.FORCED, sandbox)

@@ -51,7 +51,7 @@ LIMITS = process.Limits(seconds=300.0, memory_mb=2000)
 COMPILE = """
 import importlib.util, json, marshal, os, sys
 
-listed, made, own, kept, folders = *sys.argv[1:5], sys.argv[5:]
+listed, made, own, trusting, folders = *sys.argv[1:5], sys.argv[5:]
 head = importlib.util.MAGIC_NUMBER + bytes(4)
 def number(value):
     return (int(value) & 0xFFFFFFFF).to_bytes(4, "little")
@@ -76,7 +76,7 @@ for name in names:
         with open(source, "rb") as file:
             there = os.fstat(file.fileno())
             start = head + number(there.st_mtime) + number(there.st_size)
-            if kept and os.path.isabs(name) and real.startswith(standard) and is_kept(path, start):
+            if trusting and os.path.isabs(name) and real.startswith(standard) and is_kept(path, start):
                 size = -1
             else:
                 code = start + marshal.dumps(compile(file.read(), source, "exec", dont_inherit=True))
@@ -334,10 +334,10 @@ def _compiled(source: Source, names: list[str]) -> dict[str, tuple[str, bytes | 
         listed.write_text(json.dumps(names), encoding="utf-8")
         python = (str(source.python), "-I", "-S", "-c", COMPILE)
         # Where nothing keeps a run from the library of its interpreter, its byte code may be anybody's.
-        kept = "kept" if process.sandbox_mode() != process.UNSEALED else ""
+        trusting = "yes" if process.sandbox_mode() != process.UNSEALED else ""
         process.run(
             process.Command(
-                argv=(*python, str(listed), str(output), OWN, kept, *map(str, source.folders)),
+                argv=(*python, str(listed), str(output), OWN, trusting, *map(str, source.folders)),
                 cwd=home,
                 env={"PATH": os.defpath},
                 limits=LIMITS,
