@@ -7,24 +7,29 @@ from __future__ import annotations
 
 import ast
 import hashlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
+
+HOLDERS = (ast.stmt, ast.excepthandler, ast.match_case)
+"""What can be an import, or hold one."""
 
 
 def digest(tree: ast.Module, but: Collection[str] = ()) -> str:
     """Return 32 hexadecimal digits that tell what a source does; assignments to the names in `but` are left out."""
-    tree = ast.Module(body=[node for node in tree.body if not _assigns(node, but)], type_ignores=[])
-    combined = hashlib.sha256()
-    for piece in _written(tree):
-        combined.update(piece.encode("utf-8", "backslashreplace") + b"\0")
-    return combined.hexdigest()[:32]
+    pieces: list[str] = []
+    _write(ast.Module(body=[node for node in tree.body if not _assigns(node, but)], type_ignores=[]), pieces)
+    text = "".join(f"{piece}\0" for piece in pieces)
+    return hashlib.sha256(text.encode("utf-8", "backslashreplace")).hexdigest()[:32]
 
 
 def neighbours(tree: ast.Module) -> tuple[str, ...]:
     """Return the files that a source imports from its own package, by `from .name import` or `from . import name`."""
     modules: list[str] = []
-    for node in ast.walk(tree):
+    waiting: list[ast.AST] = [tree]
+    for node in waiting:  # `ast.walk` would look into every expression, too
         if isinstance(node, ast.ImportFrom) and node.level:
             modules += [node.module] if node.module else [alias.name for alias in node.names]
+        parts = (getattr(node, name, None) for name in node._fields)
+        waiting += [one for part in parts if isinstance(part, list) for one in part if isinstance(one, HOLDERS)]
     return tuple(f"{name}.py" for name in dict.fromkeys(modules))
 
 
@@ -37,27 +42,27 @@ def _assigns(node: ast.stmt, names: Collection[str]) -> bool:
     )
 
 
-def _written(value: object) -> Iterator[str]:
-    """Yield a tree piece by piece; what is empty is left out, as newer Pythons have fields that older ones lack."""
+def _write(value: object, pieces: list[str]) -> None:
+    """Add a tree piece by piece; what is empty is left out, as newer Pythons have fields that older ones lack."""
     if isinstance(value, ast.AST):
-        yield f"({type(value).__name__}"
+        pieces.append(f"({type(value).__name__}")
         for name in value._fields:
             part = getattr(value, name, None)
             if part is None and not (isinstance(value, ast.Constant) and name == "value"):
                 continue
             if isinstance(part, list) and not (part := [one for one in part if not _says_nothing(one, value)]):
                 continue
-            yield name
-            yield from _written(part)
-        yield ")"
+            pieces.append(name)
+            _write(part, pieces)
+        pieces.append(")")
     elif isinstance(value, list):
-        yield "["
+        pieces.append("[")
         for item in value:
-            yield from _written(item)
-        yield "]"
+            _write(item, pieces)
+        pieces.append("]")
     else:
         # `repr` depends on the Unicode tables of the Python that runs, so `!a` writes ASCII alone.
-        yield f"{type(value).__name__} {value!a}"
+        pieces.append(f"{type(value).__name__} {value!a}")
 
 
 def _says_nothing(node: object, above: ast.AST) -> bool:
