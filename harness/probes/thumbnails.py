@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import re
 from typing import TYPE_CHECKING, Any
@@ -23,11 +24,30 @@ ARRAY = re.compile(
 """The first bytes of an `.npy` of bytes with three channels, as every numpy writes it; no other file is read."""
 
 
+REMEMBERED = 256
+"""Small pictures that are remembered: the cells of a matrix draw many equal frames."""
+
+
 def thumbnail(content: bytes) -> bytes | None:
     """Turn an `.npy` of shape (height, width, 3) and dtype uint8 into a PNG at most 192 pixels wide.
 
     None where the bytes are not such an array: they come out of a cell and are not trusted.
     """
+    name = hashlib.sha256(content).digest()
+    try:
+        return _made[name]
+    except KeyError:  # not made yet, or another thread has just cleared them
+        picture = _thumbnail(content)
+    if len(_made) >= REMEMBERED:
+        _made.clear()
+    _made[name] = picture
+    return picture
+
+
+_made: dict[bytes, bytes | None] = {}
+
+
+def _thumbnail(content: bytes) -> bytes | None:
     header = ARRAY.match(content)
     if not header or len(content) > LARGEST:
         return None

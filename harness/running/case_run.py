@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import cache
+from threading import Lock
 
 from msgspec import Struct
 
@@ -98,9 +99,17 @@ def mark(context: Context, cases: Iterable[Case], lock: str | None) -> str:
     return digest("cell", context.identity, lock, case_keys, programs, how, _judging())
 
 
-@cache
 def _judging() -> tuple[str, ...]:
-    """Identify the judging code: its sources, and the declarations of adapters."""
+    """Identify the judging code: its sources, and the declarations of adapters. One thread reads, however many ask."""
+    with _reading:
+        return _read_judging()
+
+
+_reading = Lock()
+
+
+@cache
+def _read_judging() -> tuple[str, ...]:
     # The declarations lie in files of `incell/`, which no judging module imports: the digests do not cover them.
     mark = digest("judging", source_digests.stat_files())
     code = load_or_make("judging", mark, lambda: digest(*map(source_digests.digest, JUDGING)).encode(), bytes.decode)

@@ -45,9 +45,10 @@ def headline(record: CellRecord) -> str:
 class Progress:
     """Counts of cells done, running, waiting and left, with an estimate of the time to go.
 
-    `earlier` returns the seconds that cells took before, by id. It is called when the first cell is worked on, so a run
-    that reuses all results does not wait for it. Without such seconds, all cells count alike. The speed is that of the
-    cells which this run worked on; a cell whose result was reused at once tells nothing about it.
+    `earlier` returns the seconds that cells took before, by id. It is called when they are first shown or counted: no
+    cell waits for it before it is measured, and a run that reuses all results not at all. Without such seconds, all
+    cells count alike. The speed is that of the cells which this run worked on; a cell whose result was reused at once
+    tells nothing about it.
     """
 
     def __init__(
@@ -59,7 +60,8 @@ class Progress:
     ) -> None:
         self.total, self.jobs, self.describe = total, jobs if jobs > 0 else default_jobs(), describe
         self.known_count = self.worked_count = 0
-        self._earlier, self._seconds = earlier, dict[str, float]()
+        self._earlier: Callable[[], Mapping[str, float]] | None = earlier
+        self._seconds: dict[str, float] = {}
         self._running: dict[str, str] = {}
         # Sums, since each line of a run of thousands of cells says how long the rest takes.
         self._seconds_of_all = self._seconds_of_worked = 0.0
@@ -96,10 +98,6 @@ class Progress:
             with self._lock:
                 first = not self.worked_count and not self._running
                 self._running[cell.id] = "start"
-                if first:
-                    earlier = self._earlier()
-                    self._seconds = {name: earlier[name] for name in earlier.keys() - self._reused}
-                    self._seconds_of_all = sum(self._seconds.values())
             if first and self.known_count:
                 self.say(f"{self.known_count} of {format_count(self.total, 'cell')} measured before")
 
@@ -118,6 +116,7 @@ class Progress:
                     self._reused.add(record.cell.id)
                     self._seconds_of_all -= self._seconds.pop(record.cell.id, 0.0)
                     return
+                self._read_earlier()
                 self.worked_count += 1
                 self._timed_count += record.cell.id in self._seconds
                 self._seconds_of_worked += self._seconds.get(record.cell.id, 0.0)
@@ -127,6 +126,13 @@ class Progress:
                 line = line if self._live or done == self.total else f"{line} ({self.summary()})"
             # The board's own thread holds rich's lock while it waits for ours: we never print with ours held.
             self.say(line)
+
+    def _read_earlier(self) -> None:
+        """Ask once for the seconds that cells took before; those of reused cells do not count."""
+        if self._earlier:
+            earlier, self._earlier = self._earlier(), None
+            self._seconds = {name: earlier[name] for name in earlier.keys() - self._reused}
+            self._seconds_of_all = sum(self._seconds.values())
 
     def say(self, text: str) -> None:
         """Print a message for the user once."""
@@ -146,6 +152,7 @@ class Progress:
 
     def _to_go(self, unfinished: int) -> float | None:
         """Return the seconds to go, or None if neither this run nor an earlier one measured a cell."""
+        self._read_earlier()
         if not (self.worked_count or self._seconds):
             return None
         # A cell that nobody measured before counts as the mean of the others.

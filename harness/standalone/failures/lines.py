@@ -54,6 +54,8 @@ def normalise(text: str, places: Mapping[str, str]) -> str:
     text = strip_ansi(text)
     # The longest path goes first, since a shorter one may be the beginning of it.
     for path in sorted(filter(None, places), key=len, reverse=True):
+        if path.rstrip("/") not in text:  # most are not, and each has an expression of its own
+            continue
         start = PATH_START if path.rstrip("/").count("/") < DEEP else ""
         text = re.sub(start + re.escape(path.rstrip("/")) + PATH_END, places[path].replace("\\", r"\\"), text)
     for pattern, replacement in CHANGING:
