@@ -35,16 +35,16 @@ def thumbnail(content: bytes) -> bytes | None:
     """
     name = hashlib.sha256(content).digest()
     try:
-        return _made[name]
+        return _by_digest[name]
     except KeyError:  # not made yet, or another thread has just cleared them
         picture = _thumbnail(content)
-    if len(_made) >= REMEMBERED:
-        _made.clear()
-    _made[name] = picture
+    if len(_by_digest) >= REMEMBERED:
+        _by_digest.clear()
+    _by_digest[name] = picture
     return picture
 
 
-_made: dict[bytes, bytes | None] = {}
+_by_digest: dict[bytes, bytes | None] = {}
 
 
 def _thumbnail(content: bytes) -> bytes | None:
