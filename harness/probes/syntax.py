@@ -10,7 +10,7 @@ import hashlib
 from collections.abc import Collection
 
 HOLDERS = (ast.stmt, ast.excepthandler, ast.match_case)
-"""What can be an import, or hold one."""
+"""Nodes that can be an import, or hold one."""
 
 
 def digest(tree: ast.Module, but: Collection[str] = ()) -> str:

@@ -19,6 +19,7 @@ from harness.physics.pixels import Drawings
 from harness.physics.relation import Look, PixelComparison
 from harness.probes.vault import Vault
 from harness.reports.pictures import stored_pictures
+from harness.reports.pictures.first_pictures import RENDER
 
 ABSENT = "-"
 """The mark of an environment that was not drawn with a release."""
@@ -64,7 +65,7 @@ def _draws(record: CellRecord) -> int:
 
 
 def _drawn_cases(record: CellRecord) -> set[str]:
-    return {case.id for case in record.cell.cases if {DRAW, stored_pictures.RENDER} & {*case.checks}}
+    return {case.id for case in record.cell.cases if {DRAW, RENDER} & {*case.checks}}
 
 
 def _pictures(matrix: str, axis: str, line: Line, vault: Vault) -> Iterator[PicturesEntry]:

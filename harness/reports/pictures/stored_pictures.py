@@ -17,8 +17,9 @@ from harness.probes import array_files, thumbnails
 from harness.probes.evidence import GIVEN, PICTURE, PIXELS, Reading
 from harness.probes.facts import Picture, Values
 from harness.probes.vault import MOST_FILE, Vault
+from harness.reports.pictures.first_pictures import RENDER
 
-RENDER, LOOP = "render.rgb_array", "single.loop"
+LOOP = "single.loop"
 FIRST = f"{RENDER}-first{PICTURE}"
 
 START = 0
